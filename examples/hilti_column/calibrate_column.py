@@ -4,14 +4,14 @@
 
 FOLDER: flat.yaml, pallet.yaml, seesaw.yaml and trailblazer.urdf of the data of a drilling robot by
 Hilti and ETH Zuerich (CC BY-NC-SA 3.0). The chain is read from the URDF file: a platform on the
-ground, a column of two stages that lift by half of the height each, six axes. Elastic axes are
-added: two tilts of the platform and of each stage, the gears, and two axes across each joint. The
-accelerometers at the foot and at the top of the column are levels: the components of their
-direction of gravity are inclinations of two of their axes.
+ground, a column of two stages that lift by half of the height each, six axes. The
+accelerometers at the foot and at the top of the column measure how it leans and bends in each
+pose: their inclinations are commands of four axes without springs, as the encoders' angles are of
+the joints. The gears and two axes across each joint are elastic.
 
-Calibrates with the points of flat.yaml, then states the error of the prism in all three files,
-where only the pose of the robot in the frame of the total station, and the direction of gravity in
-its base, are those of the file.
+Calibrates with the points of flat.yaml, without and with the inclinations, then states the error
+of the prism in all files. Only the pose of the robot in the frame of the total station is that of the
+file; then also the zeros of the joints, on points that were not fitted.
 """
 
 from __future__ import annotations
@@ -27,11 +27,13 @@ import yaml
 import flexgen
 
 FILES = ("flat", "pallet", "seesaw")
+UNIT = np.eye(4)
 G = 9.81  # m/s^2
 STIFF = (5e5, 5e5, 3e5, 1e5, 1e5, 1e5)  # N m/rad, of the gears: plausible numbers
-STATION = 0.75e-3  # m, standard deviation of an axis of the total station
-LEVEL = 3e-5  # m/m, of an inclination
-LEVELS = (("foot", "platform"), ("top", "upper"))
+MIDDLE = 0.706  # m, of the column, above the lower stage: a bent column turns about its middle
+TILTS = ("platform_x", "platform_y", "bend_x", "bend_y")
+FREE = ("zeros", "placements", "compliances", "mechanisms")
+PRIORS = flexgen.Priors(tracker=0.03, position=5e-3, rotation=0.01)
 
 
 def rotation(rpy: np.ndarray) -> np.ndarray:
@@ -86,6 +88,14 @@ def turning(name: str, axis: list[int], stiffness: float) -> str:
     )
 
 
+def known(name: str, axis: list[int], kind: str = "rotation") -> str:
+    """An axis of an element whose value is measured."""
+    return (
+        f'[[element.dof]]\nname = "{name}"\ntype = "{kind}"\naxis = {axis}\n'
+        'gear = { type = "rigid" }\n'
+    )
+
+
 def element(name: str, pose: np.ndarray, body: dict[str, Any]) -> str:
     """The head of an element at a pose (4, 4) in its parent."""
     R = pose[:3, :3].ravel().tolist()
@@ -98,35 +108,35 @@ def element(name: str, pose: np.ndarray, body: dict[str, Any]) -> str:
 
 def model_text(urdf: Urdf) -> str:
     """The model file."""
-    I = np.eye(4)
     top = urdf.place("column_top_to_tip") @ urdf.place("column_tip_to_tip_mount")
     arm = top @ urdf.place("column_tip_to_tool") @ urdf.place("column_to_dsr")
     foot = urdf.place("tracks_base_link_to_column_base")
-    down = I.copy()
-    down[2, 3] = -0.03  # offset of the upper stage from the lower one [m]
-    text = f'name = "column"\ngravity = [0, 0, {-G}]\nhome_rad = [0.5, 0, 0, 0, 0, 0, 0]\n'
-    text += element("platform", I, urdf.body(("tracks_base_link", I), ("column_base", foot)))
-    text += turning("platform_x", [1, 0, 0], 1e6) + turning("platform_y", [0, 1, 0], 1e6)
-    text += element("lower", foot, urdf.body(("column_middle", I)))
-    text += (
-        '[[element.dof]]\nname = "lift"\ntype = "translation"\naxis = [0, 0, 1]\n'
-        'gear = { type = "rigid" }\n'
-    )
-    text += turning("lower_x", [1, 0, 0], 3e5) + turning("lower_y", [0, 1, 0], 3e5)
+    middle = np.eye(4)
+    middle[2, 3] = MIDDLE
+    down = np.eye(4)
+    down[2, 3] = -0.706 - 0.03 + 0.706 - MIDDLE  # of the upper stage, from there
+    joints = [*TILTS[:2], "lift", *TILTS[2:], *(f"q{k}" for k in range(1, 7))]
+    home = [0.0, 0.0, 0.5, *(0.0,) * 8]
+    text = f'name = "column"\ngravity = [0, 0, {-G}]\nhome_rad = {home}\n'
+    text += element("platform", UNIT, urdf.body(("tracks_base_link", UNIT), ("column_base", foot)))
+    text += known("platform_x", [1, 0, 0]) + known("platform_y", [0, 1, 0])
+    text += element("lower", foot, urdf.body(("column_middle", UNIT)))
+    text += known("lift", [0, 0, 1], "translation")
+    text += element("bend", middle, {"mass": 0.01, "com": [0, 0, 0], "inertia": [0.01] * 3})
+    text += known("bend_x", [1, 0, 0]) + known("bend_y", [0, 1, 0])
     mount = urdf.place("column_top_to_tip") @ urdf.place("column_tip_to_tip_mount")
     text += element(
         "upper",
         down,
-        urdf.body(("column_top", I), ("column_tip_mount", mount), ("dsr_base_0", arm)),
+        urdf.body(("column_top", UNIT), ("column_tip_mount", mount), ("dsr_base_0", arm)),
     )
     text += (
         '[[element.dof]]\nname = "second"\ntype = "translation"\naxis = [0, 0, 1]\n'
         "mimic = { lift = 1.0 }\n"
     )
-    text += turning("upper_x", [1, 0, 0], 3e5) + turning("upper_y", [0, 1, 0], 3e5)
     for k, stiffness in enumerate(STIFF, 1):
         pose = urdf.place(f"dsr_joint{k}")
-        links = [(f"dsr_link{k}", I)]
+        links = [(f"dsr_link{k}", UNIT)]
         if k == 6:
             links.append(("tool_link", urdf.place("dsr_tool_to_tool")))
         text += element(f"link{k}", arm @ pose if k == 1 else pose, urdf.body(*links))
@@ -137,27 +147,21 @@ def model_text(urdf: Urdf) -> str:
         )
         text += turning(f"q{k}_x", [1, 0, 0], 3 * stiffness)
         text += turning(f"q{k}_y", [0, 1, 0], 3 * stiffness)
-    for name, ratio in (("lift", 1000), *((f"q{k}", 100) for k in range(1, 7))):
+    for name in joints:
+        ratio = 1000 if name == "lift" else 100
         text += (
             f'[[motor]]\nname = "m_{name}"\ndrives = "{name}"\nratio = {ratio}\ninertia = 1e-4\n'
         )
-    joints = ", ".join(f'"q{k}"' for k in range(1, 7))
-    text += f'[output]\ntype = "joint"\njoints = ["lift", {joints}]\n'
+    text += f'[output]\ntype = "joint"\njoints = {joints}\n'.replace("'", '"')
     prism = urdf.place("dsr_tool_to_tool") @ urdf.place("prism_calib")
-    sensors = [("prism", "link6", prism[:3, 3].tolist())]
-    sensors += [
-        (f"{name}_{axis}", carrier, [0.0, 0.0, 0.0]) for name, carrier in LEVELS for axis in "xy"
-    ]
-    for name, carrier, position in sensors:
-        text += (
-            f'[[sensor]]\nname = "{name}"\ntype = "tracker"\nunit = "m"\nelement = "{carrier}"\n'
-            f"position = {position}\n"
-        )
-    return text
+    return text + (
+        '[[sensor]]\nname = "prism"\ntype = "tracker"\nunit = "m"\nelement = "link6"\n'
+        f"position = {prism[:3, 3].tolist()}\n"
+    )
 
 
-def read_points(file: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Commands (N, 7), positions (N, 3) [m], and inclinations (N, 4) of a file."""
+def read_points(file: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Commands (N, 11) [rad, m] and positions (N, 3) [m] of a file."""
     data = yaml.load(
         file.read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     )
@@ -169,31 +173,19 @@ def read_points(file: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for row in space[kind]
     ]
     joints = np.array([row["joint_states"] for row in rows], float)
-    joints[:, 0] = 0.5 * joints[:, 0] - 0.706  # travel of the lower stage
-    felt = [
-        np.array([row[f"tilt_sensor_{name}_accel"] for row in rows], float)
+    lift = 0.5 * joints[:, :1] - 0.706  # travel of the lower stage [m]
+    foot, top = (
+        _tilts(np.array([row[f"tilt_sensor_{name}_accel"] for row in rows], float))
         for name in ("base", "column")
-    ]
-    level = [a[:, :2] / np.linalg.norm(a, axis=1, keepdims=True) for a in felt]
-    return joints, np.array([row["prism_position"] for row in rows], float), np.hstack(level)
+    )
+    commands = np.hstack([foot, lift, top - foot, joints[:, 1:]])
+    return commands, np.array([row["prism_position"] for row in rows], float)
 
 
-def poses_of(
-    points: tuple[np.ndarray, np.ndarray, np.ndarray], levels: bool
-) -> flexgen.StaticPoses:
-    """Static poses of the prism and, with ``levels``, of the four inclinations."""
-    joints, prism, inclined = points
-    N = len(joints)
-    positions = np.full((N, 5, 3), np.nan)
-    positions[:, 0] = prism
-    touches = np.full((N, 5), "", dtype="<U16")
-    readings = np.full((N, 5), np.nan)
-    sd = np.full((N, 5), STATION)
-    for k, (name, axis) in enumerate((n, a) for n, _ in LEVELS for a in "xy"):
-        touches[:, k + 1] = f"level {name} {axis}"
-        readings[:, k + 1] = inclined[:, k]
-        sd[:, k + 1] = LEVEL if levels else 1e3 * LEVEL
-    return flexgen.StaticPoses(joints, positions, "points", None, touches, readings, sd)
+def _tilts(felt: np.ndarray) -> np.ndarray:
+    """Angles (N, 2) [rad] about x and y from the vertical, of accelerations (N, 3)."""
+    up = felt / np.linalg.norm(felt, axis=1, keepdims=True)
+    return np.column_stack([np.arcsin(up[:, 1]), -np.arcsin(up[:, 0])])
 
 
 def best_frame(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -212,29 +204,41 @@ def main(folder: Path, out: Path) -> dict[str, float]:
     nominal.write_text(model_text(Urdf(folder / "trailblazer.urdf")), encoding="utf-8")
     points = {name: read_points(folder / f"{name}.yaml") for name in FILES}
     errors: dict[str, float] = {}
-    still = points["flat"][2][:, :2].mean(axis=0)
-    for kind, levels in (("positions", False), ("with levels", True)):
+    for kind in ("without tilts", "with tilts"):
+        used = {name: (commands.copy(), prism) for name, (commands, prism) in points.items()}
+        if kind == "without tilts":
+            for commands, _ in used.values():  # the mean of each file: the floor is not level
+                commands[:, [0, 1, 3, 4]] = commands[:, [0, 1, 3, 4]].mean(axis=0)
+        commands, prism = used["flat"]
         found = flexgen.calibrate(
             nominal,
-            poses_of(points["flat"], levels),
-            free=["zeros", "placements", "compliances"],
-            priors=flexgen.Priors(tracker=0.02, position=5e-3, rotation=5e-3),
+            flexgen.StaticPoses(commands, prism[:, None], "flat.yaml"),
+            free=FREE,
+            priors=PRIORS,
             folds=0,
             progress=False,
         )
-        print(f"{kind}: {found.status.value}, {len(found.x)} numbers, {len(found.kept)} kept")
-        for name in FILES:
-            joints, prism, inclined = points[name]
-            # gravity in the base of this file, relative to flat.yaml
-            down = np.append(still - inclined[:, :2].mean(axis=0), -1.0)
-            robot = flexgen.read(
-                found.nominal.file,
-                overrides={**found.changes, "gravity": (G * down / np.linalg.norm(down)).tolist()},
-            )
-            there = flexgen.tracker_positions(robot, joints)[:, 0]
-            away = best_frame(there, prism)
+        print(f"{kind}: {found.sentence}; {len(found.kept)} kept, minimum: {found.converged}")
+        for cause in found.causes[:3]:
+            print(f"  possible cause: {cause}")
+        for name, (commands, prism) in used.items():
+            away = best_frame(found.predict(commands)[:, 0], prism)
             errors[f"{kind}, {name}"] = float(np.sqrt(np.mean(away**2)))
-            print(f"  {name}: rms {1e3 * errors[f'{kind}, {name}']:.2f} mm, {len(joints)} points")
+            print(f"  {name}: rms {1e3 * errors[f'{kind}, {name}']:.2f} mm, {len(away)} points")
+        if kind == "without tilts":
+            continue
+        for name, (commands, prism) in list(used.items())[1:]:
+            again = flexgen.calibrate(
+                found.model,
+                flexgen.StaticPoses(commands, prism[:, None], f"{name}.yaml"),
+                free=["zeros"],
+                priors=flexgen.Priors(tracker=1e-6, zero=3e-3),
+                progress=False,
+            )
+            assert again.errors_held_out is not None
+            rms = float(np.sqrt(np.mean(again.errors_held_out**2)))
+            errors[f"with zeros, {name}"] = rms
+            print(f"  {name}, zeros of its own: rms {1e3 * rms:.2f} mm on points not fitted")
     return errors
 
 

@@ -21,7 +21,7 @@ from flexgen.base.calls.deadline import is_over, keep_best, limit_fit, reason_of
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.bounds import CountOrZero, TimeLimit
 from flexgen.base.checks.type_checks import checked_types
-from flexgen.base.errors import ArgumentError
+from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.identification.estimator.validation import validate
 from flexgen.identification.poses.accuracy import (
     Accuracy,
@@ -57,7 +57,7 @@ from flexgen.identification.poses.parameters import (
 from flexgen.identification.poses.poses import StaticPoses, surfaces_of
 from flexgen.identification.poses.result import Calibration
 from flexgen.identification.poses.score_test import Suspect, find_causes
-from flexgen.identification.poses.statics import Near, Numbers, Statics
+from flexgen.identification.poses.statics import Numbers, Statics
 from flexgen.identification.poses.tree import Tree
 from flexgen.model.abilities import needs
 from flexgen.model.elements import RobotModel
@@ -252,16 +252,13 @@ class _Study:
         return self.problem(self.unknowns, of._whitening(self.statics, found, tilt, self.valid))
 
     def fit(
-        self,
-        start: np.ndarray,
-        tell: Callable[[str], None] | None,
-        near: Near | None = None,
+        self, start: np.ndarray, tell: Callable[[str], None] | None
     ) -> tuple[Minimum, Accuracy, Tilt | None]:
         """Each point by itself first; then, where trackers share a tilt, with the covariance of
         each pose.
         """
         problem = self.problem(self.unknowns)
-        found = fit(problem, start, near, progress=tell)
+        found = fit(problem, start, progress=tell)
         tilt = self._tilt(found)
         if tilt is None or is_over():
             return found, accuracy_of(problem, found), None
@@ -356,21 +353,40 @@ def _fit_determined(
     x = found.x.copy()
     covariance = accuracy.covariance
     inner = study
+    file_values = np.array([u.start for u in unknowns])
     for _ in range(ROUNDS):
         if is_over():
             break
         left_out = find_undetermined(inner.unknowns, x[free], accuracy.covariance)
         if not left_out:
             break
-        free[np.flatnonzero(free)[list(left_out)]] = False
-        x[~free] = np.array([u.start for u in unknowns])[~free]
-        inner = study.of([u for u, is_free in zip(unknowns, free, strict=True) if is_free])
-        found, accuracy, tilt = inner.fit(x[free], tell, found.rest.near)
+        fewer = free.copy()
+        fewer[np.flatnonzero(free)[list(left_out)]] = False
+        part = study.of([u for u, is_free in zip(unknowns, fewer, strict=True) if is_free])
+        again = _fit_from(part, (x[fewer], start[fewer]), tell)
+        if again is None:
+            break  # with the values of the file the springs do not carry the arm
+        inner = part
+        free = fewer
+        found, accuracy, tilt = again
+        x = file_values.copy()
         x[free] = found.x
         whole = study.problem_with(tilt, found, inner)
         covariance = with_kept(whole, x, found.rest.near, free, accuracy.first)
     kept = tuple(u.name for u, is_free in zip(unknowns, free, strict=True) if not is_free)
     return _Determined((inner, found, accuracy, tilt), x, covariance, kept)
+
+
+def _fit_from(
+    study: _Study, starts: Sequence[np.ndarray], tell: Callable[[str], None] | None
+) -> tuple[Minimum, Accuracy, Tilt | None] | None:
+    """The fit from the first start from which the robot has equilibria; None: from none."""
+    for start in starts:
+        try:
+            return study.fit(start, tell)
+        except SolverError:
+            continue
+    return None
 
 
 def _causes(study: _Study, found: _Determined, taken: Sequence[str]) -> tuple[Suspect, ...]:
@@ -486,9 +502,9 @@ def _warn_unexplained(found: Minimum, statics: Statics, data: StaticPoses) -> tu
     measured = data.positions
     seen = np.isfinite(measured).all(axis=2)
     if seen.any():
-        motion = float(
-            np.nanmedian(np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2))
-        )
+        measured = measured[:, seen.any(axis=0)]  # without levels
+        mean = np.nanmean(measured, axis=0)
+        motion = float(np.nanmedian(np.linalg.norm(measured - mean, axis=2)))
     else:
         seen = np.isfinite(data.targets).all(axis=2)
         motion = scatter_of_shuffled(statics, Numbers.of(statics.tree), data)

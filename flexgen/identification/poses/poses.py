@@ -15,6 +15,7 @@ of the distance from the point, or of the reading.
 | ``plane NAME`` | a plane whose place is not known | distance from it along its normal; empty: 0 |
 | ``sphere NAME`` | a sphere whose place is not known | distance from its center, both radii |
 | ``gauge NAME AXIS`` | a dial gauge, zeroed anywhere | displacement along the axis |
+| ``level NAME AXIS`` | an inclinometer along an axis of the tracker | sine of the inclination |
 | ``coordinate AXIS`` | a plane of the world across an axis | its coordinate |
 
 ``AXIS`` is ``x``, ``-y``, ..., of the world of the robot, or of a gauge also ``tool.x``, ...: an

@@ -101,7 +101,8 @@ class Suspect:
 
 
 def _shown(values: Sequence[float]) -> str:
-    text = ", ".join(f"{x:.3g}" for x in values)
+    near_one = all(0.9 < x < 1.1 for x in values)  # scales differ by parts of a percent
+    text = ", ".join(f"{x:.5g}" if near_one else f"{x:.3g}" for x in values)
     return text if len(values) == 1 else f"({text})"
 
 

@@ -9,9 +9,9 @@ With a tracker at p in the world of the robot, and the number g that was read,
     level:       r = (R u)'n - z - g
 
 ``c``: the axis of the world nearest to the normal of a plane, ``i``, ``j``: the two others; ``u``:
-an axis, with its sign; ``R``: axes of the tracker; ``n``: upwards, against gravity. The offset ``o`` and the slopes ``s`` of a
-plane, centers and places ``c`` and the zero ``z`` of a gauge are not known, and fitted with the
-robot.
+an axis, with its sign; ``R``: axes of the tracker; ``n``: upwards, against gravity. The offset
+``o`` and the slopes ``s`` of a plane, centers and places ``c`` and the zero ``z`` of a gauge are
+not known, and fitted with the robot.
 """
 
 from __future__ import annotations
