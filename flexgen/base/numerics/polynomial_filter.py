@@ -32,8 +32,10 @@ def derivatives(q: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def smooth_forces(f: np.ndarray) -> np.ndarray:
-    """Forces (n, ...) through the filter of the second derivatives; by the polynomials at the
-    ends.
+    """Forces (n, ...) through the filter of the second derivatives (see the text of this module),
+    so that they are those of filtered accelerations.
+
+    The first and last half window has no such mean: there the polynomials themselves are taken.
     """
     out: np.ndarray = savgol_filter(f, WINDOW, ORDER, axis=0)
     out[INNER] = correlate1d(f, WEIGHTS, axis=0)[INNER]

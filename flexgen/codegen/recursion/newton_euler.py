@@ -268,7 +268,12 @@ def move_to_next_frame(
 
 
 def wrench(motion: Motion, body: Inertia) -> Wrench:
-    """Force and moment (about the origin of its frame) that a body needs for its motion."""
+    """Force and moment (about the origin of its frame) that a body needs for its motion: ``m a + U
+    s`` and ``s x a`` plus the vector of the skew matrix ``U S - (U S)'``.
+
+    s, S: first and second moments of its mass, ``U = dw^ + w^ w^``. Zeros and equal diagonal
+    entries of S are used to leave terms out.
+    """
     s = body.first.tolist()
     S = body.second.tolist()
     force = motion.along(s)

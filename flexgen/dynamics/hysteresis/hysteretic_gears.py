@@ -191,9 +191,11 @@ class _Stage:
         self, p: np.ndarray, begin: np.ndarray, finish: np.ndarray, h: float, c: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Deflections at ``finish``, the sign of their rates, and z, from ``p`` at ``begin``,
-        (n_g,) parts of a step.
+        (n_g,) parts of a step of ``h`` [s].
 
-        ``c``: coefficients of the torque. Undamped gears: the sign of the rate of the torque.
+        ``c``: coefficients of the torque tau over a step. Damped gears: ``D p' = tau - f(p)`` by
+        one step of Radau IIA, Newton's method for its three stages; undamped ones: ``f(p) = tau``
+        at each stage, and the sign is that of tau'.
         """
         A = TABLE.A
         damped = self.D > 0.0

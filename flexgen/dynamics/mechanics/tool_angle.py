@@ -75,7 +75,12 @@ def plane_axes(output: Output) -> tuple[np.ndarray, np.ndarray]:
 
 
 def tool_angle(system: System) -> ToolAngle:
-    """The `ToolAngle` of a model; ArgumentError where its reference is along the axis at home."""
+    """The `ToolAngle` of a model; ArgumentError where its reference is along the axis at home.
+
+    ``atan2`` of the reference's components has a jump at half a turn. Where the angle is a sum of
+    joints (its gradient is constant), the sum is taken; else the angle relative to the sum with
+    the weights at home, which counts whole turns.
+    """
     chain = system.lagrangian.chain
     output = system.model.output
     x, y = plane_axes(output)

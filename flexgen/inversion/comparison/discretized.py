@@ -295,6 +295,10 @@ class _System:
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of the entries of `jacobian`, in its order. Unknowns: y of all nodes,
         one node after the other, then the torques; rows: equations of motion, then the output.
+
+        The equations at a node have blocks for the y of its 2 m + 1 neighbors, from which
+        differences are taken, and for its own torques; the output has one for its own arm
+        coordinates.
         """
         m = self.m
         n = self.n

@@ -265,9 +265,10 @@ def integrate(
 def _explicit(
     loop: Rates, t: np.ndarray, k: int, start: np.ndarray, tolerances: tuple[float, np.ndarray]
 ) -> _Solver:
-    """The explicit method from ``start`` at ``t[0]``.
+    """The explicit method (DOP853), in C where the rate is compiled, from ``start`` at ``t[0]``.
 
-    The other instants of ``t`` are the results from row k on.
+    ``t[1:]`` are the instants of the results k, k + 1, ...; those before row k are known already.
+    ``tolerances``: relative, and absolute of each state.
     """
     rtol, atol = tolerances
     if loop.compiled is None:
