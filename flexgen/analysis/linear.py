@@ -171,8 +171,11 @@ def refine_roots(
 def _refine_root(
     M: np.ndarray, D: np.ndarray, K: np.ndarray, root: complex, reach: float
 ) -> complex:
-    """A root [1/s] of ``det(M s^2 + D s + K)`` after Newton's steps along its null vectors; as
-    given where they lead further away than ``reach`` [1/s].
+    """A root [1/s] of ``det P(s)``, ``P = M s^2 + D s + K``, after Newton's steps along its null
+    vectors; as given where they lead further away than ``reach`` [1/s].
+
+    With the singular vectors u, v of the smallest singular value the step is ``u P v / (u P' v)``.
+    The matrices are scaled first, as their rows may have different units.
     """
     size = np.sqrt(np.abs(np.diag(K)) + np.abs(np.diag(M)) * abs(root) ** 2)
     if not np.all(size > 0.0):

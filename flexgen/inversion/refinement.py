@@ -84,7 +84,12 @@ def attempt_mesh(
     reached: BestSolution,
     before: Attempt | None = None,
 ) -> Attempt:
-    """The attempt of a method on the mesh after that of the attempt ``before``."""
+    """The attempt of a method on the mesh after that of the attempt ``before`` (None: the first).
+
+    Its solution is kept in ``reached`` before it is judged, so that the best one is known where
+    the time is over. It is simulated where it is worth that; an error of the method is the
+    attempt's failure.
+    """
     attempt = Attempt(
         number=0 if before is None else before.number + 1,
         planned=ATTEMPTS if problem.mesh is None and method.refines else 1,

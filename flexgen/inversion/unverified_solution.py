@@ -134,6 +134,8 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
 def _make_solution(problem: InversionProblem, method: str, result: MethodResult) -> Solution:
     """The solution of a method's result, with residuals and warnings, before its simulation;
     SolverError where it is not finite.
+
+    Times are zero: the caller measures them.
     """
     equations = problem.equations
     path = problem.path

@@ -139,7 +139,11 @@ def packaged_models() -> Path:
 
 
 def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
-    """The file, its name in messages, and the name of the variant (empty: none)."""
+    """The file, its name in messages, and the name of the variant (empty: none).
+
+    ``model``: a name, which is searched in the folders of models, or a path; either may end in
+    ``@variant``. ArgumentError where there is no such file, or two variants are given.
+    """
     if not isinstance(model, (str, Path)) or not isinstance(variant, (str, type(None))):
         raise ArgumentError(
             f"model: given {model!r} and variant {variant!r}, expected a name or path, and the "

@@ -214,7 +214,13 @@ class TrigonometricRing:
         return min(found, key=sp.count_ops)
 
     def _forms(self, p: Element) -> Iterator[tuple[Element, dict[sp.Dummy, sp.Expr]]]:
-        """Equal forms of ``p``: polynomials with dummies, and the expressions of the dummies."""
+        """Equal forms of ``p``, of which the shortest is chosen: polynomials with dummies, and the
+        expressions of the dummies.
+
+        As a sum of waves, then as polynomials in sines and cosines of each basis of angles (such
+        as sums of parallel joints), then with squares of sines instead of cosines. Long ones
+        (`MAX_TERMS_TIDIED`) stay as they are.
+        """
         if len(p) > MAX_TERMS_TIDIED:
             yield p, self._functions(self._bases[0][0])
             return

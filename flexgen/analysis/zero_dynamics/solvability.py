@@ -126,7 +126,12 @@ class SolvabilityPath:
 
 
 def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) -> Solvability:
-    """The `Solvability` of a robot in a static equilibrium, from its linearization there."""
+    """The `Solvability` of a robot in a static equilibrium, from its linearization there.
+
+    The matrix is ``W M^-1 E drive``: how the output follows the motors at the highest order.
+    Warned of: gears that carry nothing there, singular poses of the tool, modes that no motor can
+    move.
+    """
     model = equations.model
     arm = arm_linearization(equations, rest.q_a[None])
     simple = obstacle(model, "simplified coupling") is None

@@ -142,8 +142,11 @@ def system_jacobian(series: TaylorArray, structure: Structure, x: np.ndarray) ->
 
 
 def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) -> StructureCheck:
-    """Whether the structure holds at a point ``x`` (2, n_x): value and first rate of the
-    unknowns.
+    """Whether the structure holds at a point ``x`` (2, n_x): value and first rate of the unknowns.
+
+    It does where the Jacobian of each diagonal block is regular there: smallest singular value at
+    least `SINGULAR` of the largest, in scaled rows and columns. A structurally singular system has
+    no blocks: the verdict names its surplus.
     """
     if structure.index is None:
         parts = []

@@ -88,8 +88,10 @@ def mode_shape(k: int, length: float, x: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def modal_beam(beam: Beam) -> ModalBeam:
-    """Integrals of a `Beam` (see `ModalBeam`); damping is modal, ``2 zeta sqrt(k m)`` for each
-    mode alone.
+    """Integrals of a `Beam` (see `ModalBeam`) by Gauss quadrature along its length; damping is
+    modal, ``2 zeta sqrt(k m)`` for each mode alone.
+
+    The stiffness of a mode is the integral of ``E I`` times its squared curvature.
     """
     nodes, weights = np.polynomial.legendre.leggauss(64)
     x = beam.length * (nodes + 1) / 2

@@ -24,7 +24,11 @@ from flexgen.dynamics.mechanics.system import ImplicitDae, System
 
 
 def implicit_dae(system: System) -> ImplicitDae:
-    """The `ImplicitDae` of a robot."""
+    """The `ImplicitDae` of a robot: ``F(xdot, x, z, u) = 0`` with the state ``x = (y, dy)``, gear
+    torques and outputs ``z``, motor torques ``u``.
+
+    Rows: ``xdot`` of the coordinates is ``dy``, equations of motion, definitions of z.
+    """
     model = system.model
     lag = system.lagrangian
     y, dy, ddy = system.y

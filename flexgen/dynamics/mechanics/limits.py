@@ -301,7 +301,9 @@ class Limits:
 
 
 def limits_of_model(robot: RobotModel) -> Limits:
-    """All limits of a model file but those of the joints."""
+    """All limits of a model file but those of the joints, which have them in their own keys:
+    motors, gears, springs without motor and tool.
+    """
 
     def known(parts: Sequence[Any], name: str) -> Any:
         """The number ``name`` of each motor, joint or spring, infinite where it has none; None

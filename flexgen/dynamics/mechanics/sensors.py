@@ -103,6 +103,9 @@ def _wrench(system: System, sensor: Sensor) -> ca.SX:
 def _cut_behind(model: RobotModel, sensor: Sensor) -> RobotModel:
     """The model with six more degrees of freedom at the frame of the sensor, which move all that
     is behind it.
+
+    Forces on these coordinates are those that the sensor carries. The element of the sensor gives
+    its body to the part behind the cut, as the sensor is before it.
     """
     at = model.tool if sensor.place == TOOL else Placement()
     R = np.array(at.rotation)

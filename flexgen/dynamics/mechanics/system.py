@@ -229,8 +229,11 @@ Builder = Callable[[System], Built]
 
 
 def solve_symmetric(A: ca.SX, B: ca.SX) -> ca.SX:  # noqa: C901
-    """``X`` with ``A X = B``, ``A`` symmetric positive definite: L D L' without pivots, structural
-    zeros skipped.
+    """``X`` (n, m) with ``A X = B``, ``A`` (n, n) symmetric positive definite: L D L' without
+    pivots, structural zeros skipped.
+
+    Only the lower triangle of A is read; entries that are structurally zero make no operation in
+    the graph.
     """
     n = A.shape[0]
     m = B.shape[1]

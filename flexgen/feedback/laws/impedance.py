@@ -151,6 +151,11 @@ class Impedance(LinearDesign):
     ) -> Linear:
         """The controller for parts of a motion, of ``samples`` samples each; ``motion``: one point
         for each part.
+
+        Motor angles have stiffness and, by differences over ``sample_s`` [s], damping; with a
+        torque gain both are larger by 1 + gain, and measured gear torques are fed back.
+        ArgumentError where the sampled loop is unstable at one of `POSES` points, with the delay
+        [s].
         """
         check_design(model, sample_s, delay_s, motion)
         n_m = model.n_m

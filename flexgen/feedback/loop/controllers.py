@@ -79,7 +79,13 @@ class Cascade:
         return np.repeat(np.array(rows).reshape(-1, 1, 5), np.shape(self.speed_gain)[-1], axis=1)
 
     def compiled(self, setup: Setup) -> Compiled:
-        """The controller in C, for robots that rest at ``setup.q_m``."""
+        """The controller in C, for robots that rest at ``setup.q_m``; ArgumentError where gains do
+        not fit the motors.
+
+        Memory of each robot: sizes, sample time, gains, limits and filters, which stay; then what
+        changes, of which the first two of three vectors (n_m) begin at the motor angles, and
+        states of the filters.
+        """
         n = setup.n_m
         robots = len(setup.q_m)
         sections = self._sections(setup.sample_s)

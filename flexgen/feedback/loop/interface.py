@@ -201,7 +201,11 @@ class PythonController:
         return own
 
     def compiled(self, setup: Setup) -> Compiled:
-        """The object's methods as a function that C calls."""
+        """The object's methods as a function that C calls, with a copy of the object for each
+        robot.
+
+        Errors cannot pass through C: a robot that fails returns 1, and the text is kept.
+        """
         lanes = len(setup.q_m)
         n_m = setup.n_m
         n_y = setup.n_y

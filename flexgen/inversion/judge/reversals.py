@@ -190,6 +190,9 @@ def _sample_at(
 ) -> MethodResult:
     """The result at the instants ``t`` [s], which contain its own, with torques such that the
     equations of the motors hold there. ``force``: on the tool.
+
+    Motions are interpolated, and the motor torque is corrected by the residual of the motors, less
+    the line through the residuals at the old samples, which are not due to friction.
     """
     old = result.t
     motors = result.motors

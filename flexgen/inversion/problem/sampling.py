@@ -108,6 +108,8 @@ def sample_force(problem: InversionProblem, t: np.ndarray) -> np.ndarray | None:
 def from_library(found: Inversion, warnings: tuple[str, ...] = ()) -> MethodResult:
     """The method result of an inversion in C; motor accelerations by differences, for plots and
     residuals.
+
+    SolverError where a torque is not finite.
     """
     t = found.t
     step = t[1] - t[0]

@@ -279,7 +279,9 @@ def check_motors(table: Table, here: Context) -> None:
 def _read_axes(
     table: Table, key: Key, here: Context
 ) -> tuple[tuple[tuple[float, ...], ...], tuple[str, ...]]:
-    """Unit vectors and labels of the measured directions."""
+    """Unit vectors and labels of the measured directions, from x, y, z or vectors of any length;
+    vectors are labeled by their number.
+    """
     entries = table.entries["axes"].value
     if not isinstance(entries, list) or not 1 <= len(entries) <= 3:
         raise table.fail("axes", "one to three of x, y, z, or vectors of three numbers")

@@ -501,6 +501,9 @@ class ConfigurationSearch:
     def _solve_deflections(self, q: np.ndarray) -> np.ndarray:
         """Arm coordinates (n_a,) at rest under gravity with the motors at ``eta q``, by
         fixed-point steps: gravity gives deflections, these change gravity.
+
+        Springs without motor take a Newton step with their own slope, by a difference of 1e-6. At
+        most `SAG_STEPS` steps.
         """
         model = self.model
         equations = derive(self.model)

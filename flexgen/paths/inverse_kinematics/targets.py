@@ -153,6 +153,9 @@ def choose_turns(
 ) -> np.ndarray | None:
     """The angles ``q`` (n_g,) [rad or m] with the given whole ``turns``, or with those closest to
     ``before`` (n_g,); None where one is beyond its limits.
+
+    Without ``turns`` the two next turns to each side are tried, and the closest within the limits
+    is taken; lengths stay as they are.
     """
     out = q.copy()
     for k, i in enumerate(model.i_g):

@@ -122,7 +122,13 @@ class Response:
 
 
 def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) -> Along:
-    """The equations of deviations from the motion of a trajectory."""
+    """The equations of deviations from the motion of a trajectory: ``M d'' + D d' + K d = B u -
+    forces of the errors``, with the feedback of the motors.
+
+    Matrices are computed at some instants and interpolated; time steps are as short as the
+    bandwidth of the feedback asks. An error of the delay shifts the planned torque, which is not
+    linear in it.
+    """
     model = equations.model
     first = float(trajectory.time[0])
     last = float(trajectory.time[-1])

@@ -178,7 +178,11 @@ def sources_of(model: RobotModel, given: Tolerances) -> Sources:
 def _kinds(
     model: RobotModel, given: Tolerances
 ) -> list[tuple[str, float, dict[str, list[Parameter]]]]:
-    """Kind, standard deviation and the numbers of each source of that kind by its name."""
+    """Kind, standard deviation and the numbers of each source of that kind by its name.
+
+    A source may change several numbers alike: all of a spring, mass and inertia of a body. The
+    delay is a source without a number of the model.
+    """
     bodies = [element.name for element in model.elements if element.body.mass > 0.0]
     inertias = [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "yz", "xz")]
     springs: dict[str, list[Parameter]] = {}
