@@ -74,8 +74,11 @@ class Articulated:
         )
 
     def turned(self, turn: Turn) -> Articulated:
-        """Articulated inertia in the frame before a joint, where the linear axes did not turn with
-        the joint.
+        """Articulated inertia in the angular axes of the frame before a joint; its linear axes
+        stay.
+
+        Of joints on one point the linear axes are turned once, by `linear_turned`, behind the last
+        of them.
         """
         J = rotate_back(turn, self.J)
         return Articulated(

@@ -478,10 +478,12 @@ def _find_fastest(
 
 
 def _excesses(found: Solution, limits: Limits, windows: list[tuple[float, float]]) -> np.ndarray:
-    """Largest excess of a limit along a solution in each of some windows of time [s], relative.
+    """Largest excess of a limit along a solution in each of some windows of time [s], relative;
+    effective torques, which are means over the motion, count in all windows.
 
     Instants between the samples are included. The excess of a torque-speed curve is relative to
-    the torque that the curve allows at the speed of the motor.
+    the torque that the curve allows at the speed of the motor, or, where this is nearly zero, the
+    part that `limit_rows` gives.
     """
     path = found.trajectory
     end = float(found.move.duration)

@@ -51,7 +51,9 @@ class RobotFunction:
         return some
 
     def in_loop(self, lanes: int) -> LoopFunction:
-        """The structure for C; the memory that it points to lives as long as this object."""
+        """The structure for C, with arguments, work arrays of CasADi and the numbers of ``lanes``
+        robots; the memory that it points to lives as long as this object.
+        """
         assert len(self.numbers) == lanes
         f = self.function
         size = sum(f.nnz_in(i) for i in range(f.n_in())) + sum(

@@ -179,7 +179,12 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
 
 
 def knots_of(v_a: np.ndarray) -> np.ndarray:
-    """Samples at which matrices are evaluated, as indices."""
+    """Samples at which matrices are evaluated, as indices, from the joint speeds ``v_a`` (n, n_a):
+    `KNOTS` at most.
+
+    Matrices change with the pose: at the largest speed samples are 1 + `DENSER` times as dense as
+    at rest.
+    """
     speed = np.abs(v_a).max(axis=1)
     along = np.cumsum(1.0 + DENSER * speed / max(float(speed.max()), 1e-300))
     found = np.searchsorted(along, np.linspace(along[0], along[-1], KNOTS))
