@@ -111,6 +111,11 @@ class Commissioning(FitResult):
     notes: tuple[str, ...]
     wall_s: float
 
+    def __repr__(self) -> str:
+        """Robot, status and records, in one line."""
+        kinds = ", ".join(f"{len(names)} {kind}" for kind, names in self.records.items() if names)
+        return f"<Commissioning {self.before.name}: {self.status}, {kinds}>"
+
     @property
     def problem(self) -> str:
         """Why the model is refused or not at its best; empty: use it."""
