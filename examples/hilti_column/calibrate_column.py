@@ -10,8 +10,8 @@ pose: their inclinations are commands of four axes without springs, as the encod
 the joints. The gears and two axes across each joint are elastic.
 
 Calibrates with the points of flat.yaml, without and with the inclinations, then states the error
-of the prism in all files. Only the pose of the robot in the frame of the total station is that of the
-file; then also the zeros of the joints, on points that were not fitted.
+of the prism in all files. Only the pose of the robot in the frame of the total station is that of
+the file; then also the zeros of the joints, on points that were not fitted.
 """
 
 from __future__ import annotations

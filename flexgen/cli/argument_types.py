@@ -33,6 +33,11 @@ def numbers(text: str) -> list[float]:
     return values
 
 
+def pose(text: str) -> list[float]:
+    """Joint positions [rad or m] of one pose."""
+    return numbers(text)
+
+
 def integers(text: str) -> list[int]:
     """Integers with commas between them."""
     if not re.fullmatch(r"[0-9]{1,9}(,[0-9]{1,9})*", text):

@@ -79,7 +79,7 @@ def test_a_plan_is_made_with_the_drives_that_are_given(monkeypatch: pytest.Monke
         lambda plan, model: f"plan of {model.name}",
     )
     args = arguments("excite", model="elbow", out="p.npz", delay=1e-4, torque_noise=0.3, lines=20)
-    args.references = None
+    args.references = args.obstacles = args.pose = None
     answer = verbs.excite(args, print)
     assert answer.data == {
         "model": "elbow",

@@ -135,6 +135,8 @@ SHORT = {
     "analyze",
     "check",
     "command-positions",
+    "compare-record",
+    "compare-shapers",
     "completion",
     "derive",
     "describe",

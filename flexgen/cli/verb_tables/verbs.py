@@ -299,7 +299,7 @@ ROWS = (
                     "joint positions [rad or m] of a pose, in place of chosen ones; may be "
                     "repeated",
                     "Q,Q,...",
-                    "numbers",
+                    "pose",
                     several=True,
                 ),
                 "criterion",

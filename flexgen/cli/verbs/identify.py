@@ -7,9 +7,7 @@ from argparse import Namespace
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from flexgen.base.calls.deadline import OutOfTime, limit_fit
 from flexgen.base.calls.progress import throttle
@@ -25,8 +23,12 @@ from flexgen.cli.result import (
     read_model,
     with_files,
 )
-from flexgen.model.elements import RobotModel
 from flexgen.views.reports.text_tables import number
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from flexgen.model.elements import RobotModel
 
 HARDWARE = {  # options of `excite` and the fields of DriveHardware
     "sample_time": "sample_s",
@@ -81,6 +83,8 @@ def poses_of(given: list[list[float]], model: RobotModel) -> np.ndarray:
     """Poses (k, n_g) [rad or m] of the command line; ArgumentError where one has another number of
     joints.
     """
+    import numpy as np
+
     names = ", ".join(model.coordinates[i].name for i in model.i_g)
     for pose in given:
         if len(pose) != model.n_g:

@@ -329,8 +329,8 @@ class _Study:
         return out
 
     def _rigid_errors(self, x: np.ndarray) -> dict[tuple[str, str, str], float]:
-        """Record, channel and unit -> error of the positions of a rigid robot on held-out parts [m], with the frame
-        and the trackers that are best for it.
+        """Record, channel and unit -> error of the positions of a rigid robot on held-out parts
+        [m], with the frame and the trackers that are best for it.
         """
         out: dict[tuple[str, str, str], float] = {}
         for block in self.blocks:

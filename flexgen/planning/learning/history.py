@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flexgen.base.checks.type_checks import checked_class
 from flexgen.base.errors import ArgumentError
 from flexgen.base.files.atomic_files import atomic_file, write_text
 from flexgen.base.motion.trajectory import Trajectory
@@ -38,6 +39,7 @@ ENDED = "no longer falls"
 GREW = "grew"
 
 
+@checked_class
 @dataclass(frozen=True)
 class LearningRun:
     """A measured run of a move that is learned.
