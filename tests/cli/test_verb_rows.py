@@ -105,6 +105,7 @@ VALUES = {
 }
 # Options with a help of their own, because the verb calls two functions; the rest is derived.
 TWO_FUNCTIONS = {
+    ("identify", "validate"): "flexgen.identify, and flexgen.fit_motion and the rigid arm",
     ("tune", "controller"): "flexgen.tune and flexgen.tune_cascade",
     ("tune", "evaluations"): "flexgen.tune and flexgen.tune_cascade",
     ("tune", "seed"): "flexgen.tune and flexgen.tune_cascade",
