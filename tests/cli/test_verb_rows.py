@@ -50,7 +50,6 @@ OPTIONS = {
     ("identify", "rigid"): "another fit of the identification room",
     ("identify", "counterbalance"): "of the fit of rigid bodies",
     ("identify", "segments"): "flexgen.fit_motion",
-    ("identify", "validate"): "flexgen.fit_motion",
     ("identify", "move"): "IdentificationResult.verdict",
     ("identify", "truth"): "IdentificationResult.verdict",
     ("control", "no_compare"): "another function: flexgen.compare_feedforward",
