@@ -147,29 +147,29 @@ BEFORE = Recorded(
 @pytest.mark.parametrize(
     ("test", "seconds", "expected"),
     [
-        ("unit/test_a.py::test_one[x]", 0.8, {"x": 0.8, "y": 5.0, "z": 4.0}),
-        ("unit/test_a.py::test_one[x]", 0.6, {"y": 5.0, "z": 4.0}),
-        ("unit/test_a.py::test_one[w]", 0.9, {"x": None, "y": 5.0, "z": 4.0}),
+        ("unit/test_a.py::test_one[x]", 0.5, {"x": 0.5, "y": 5.0, "z": 4.0}),
+        ("unit/test_a.py::test_one[x]", 0.3, {"y": 5.0, "z": 4.0}),
+        ("unit/test_a.py::test_one[w]", 0.55, {"x": None, "y": 5.0, "z": 4.0}),
         ("unit/test_a.py::test_one[w-[1]]", 3.14, {"x": None, "y": 5.0, "z": 4.0, "w-[1]": 3.1}),
     ],
 )
 def test_a_run_changes_what_it_measured(test, seconds, expected):
-    """A slow case becomes quick below 0.7 s, a quick one slow above 1 s."""
+    """A slow case becomes quick below 0.4 s, a quick one slow above 0.6 s."""
     after = updated(BEFORE, {test: seconds}, [])
     assert after == Recorded(BEFORE.laws, BEFORE.full, {"test_a.py": {"test_one": expected}})
 
 
 def test_the_shortest_case_of_a_law_stays_quick():
     tests = {
-        "dynamics/test_laws.py::test_energy[a]": 1.5,
-        "dynamics/test_laws.py::test_energy[b]": 1.5,
+        "dynamics/test_laws.py::test_energy[a]": 0.9,
+        "dynamics/test_laws.py::test_energy[b]": 0.9,
     }
     shortest = ["dynamics/test_laws.py::test_energy[a]"]
-    assert updated(BEFORE, tests, shortest).slow["test_laws.py"] == {"test_energy": {"b": 1.5}}
-    tests[shortest[0]] = 2.5
+    assert updated(BEFORE, tests, shortest).slow["test_laws.py"] == {"test_energy": {"b": 0.9}}
+    tests[shortest[0]] = 1.2
     assert updated(BEFORE, tests, shortest).slow["test_laws.py"]["test_energy"] == {
-        "a": 2.5,
-        "b": 1.5,
+        "a": 1.2,
+        "b": 0.9,
     }
 
 

@@ -19,10 +19,10 @@ from pathlib import Path
 FILE = Path(__file__).resolve().parents[1] / "durations.json"
 # Processor and other work change durations by half: between the two limits [s] a test stays what
 # it is.
-SLOW_S = 1.0
-QUICK_S = 0.7
+SLOW_S = 0.6
+QUICK_S = 0.4
 # Longest case of a law that stays with the quick tests because the others are longer [s].
-LAW_S = 2.0
+LAW_S = 1.0
 
 Cases = dict[str, dict[str, dict[str, float | None]]]
 

@@ -3,7 +3,7 @@
 A test is slow where
 
 - its folder or file stands in ``SLOW``,
-- `tests/durations.json` has it: `durations` records there what takes more than 1 s,
+- `tests/durations.json` has it: `durations` records there what takes more than 0.6 s,
 - it has ``@pytest.mark.slow``: for what needs no measurement.
 
 A test that the file does not know is quick.
