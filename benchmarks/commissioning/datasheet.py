@@ -1,6 +1,6 @@
 """The model file that the user has: CAD, the catalogue of the gears and guesses.
 
-No friction, gears with a linear spring, bearings with the stiffness that somebody guessed, a
+No friction, gears with a linear spring, bearings with guessed stiffnesses, a
 tracker whose ball is where the drawing has it, and the moves of the task. The text needs no
 module of flexgen: the format is that of models/README.md.
 """

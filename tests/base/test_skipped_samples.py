@@ -47,7 +47,7 @@ def test_right_records_have_none():
         assert skipped_samples(T[: len(record)], record) == []
 
 
-def test_a_gap_in_the_times_is_no_hidden_loss():
+def test_a_gap_in_the_times_is_not_a_hidden_loss():
     x = np.delete(angles(2), range(905, 908), axis=0)
     assert skipped_samples(np.delete(T, range(905, 908)), x) == []
 

@@ -10,9 +10,18 @@ STUB = Path(flexgen.__file__).with_suffix(".pyi")
 HEAD = '''"""The public names for type checkers; `make golden` writes this from `__init__.py`."""
 
 '''
+WIDTH = 100  # characters with the end of the line, as of Ruff
 END = """
 __version__: str
 """
+
+
+def imported(name: str, module: str) -> str:
+    """The import of a name, in several lines where it is too long for one."""
+    line = f"from {module} import {name} as {name}\n"
+    if len(line) <= WIDTH:
+        return line
+    return f"from {module} import (\n    {name} as {name},\n)\n"
 
 
 def stub() -> str:
@@ -23,5 +32,5 @@ def stub() -> str:
         return module, 0 if name.isupper() else 1 if name[0].isupper() else 2, name.lower()
 
     rows = sorted(flexgen._PUBLIC.items(), key=order)
-    lines = [*(f"from {module} import {name} as {name}\n" for name, module in rows), END]
+    lines = [*(imported(name, module) for name, module in rows), END]
     return HEAD + "".join([*lines, *(f"{old} = {new}\n" for old, new in flexgen._FORMER.items())])
