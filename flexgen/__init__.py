@@ -63,8 +63,7 @@ _VERBS = {
 }
 # Functions whose command needs no row in verbs.py: their parameters and docstrings give its
 # options.
-_COMMANDS = ("identify_load", "identify_gears", "identify_spring")
-_COMMANDS = ("identify_load", "identify_gears", "commission")
+_COMMANDS = ("identify_load", "identify_gears", "identify_spring", "commission")
 # Exports, by the name of the command; each is the function ``export_NAME`` of its module.
 registry.EXPORTS |= {
     "fmu": registry.Export(

@@ -72,11 +72,13 @@ def test_options_of_several_numbers_take_them_with_spaces_or_commas(several):
     }
     for verb, action in options:
         option = action.option_strings[0]
-        model = VERBS[verb]._positionals._group_actions[0].dest
+        places = VERBS[verb]._positionals._group_actions
+        model = places[0].dest
+        given = ["x"] * len(places)
         for words in (
-            [option, *several, "x"],
-            ["x", option, *several],
-            ["x", f"{option}={several[0]}", *several[1:]],
+            [option, *several, *given],
+            [*given, option, *several],
+            [*given, f"{option}={several[0]}", *several[1:]],
         ):
             args = PARSER.parse_args([*verb.split(), *words])
             assert (

@@ -233,7 +233,7 @@ def test_sensors_and_transients_from_the_command_line(tmp_path, capsys):
     [
         (["--rigid", "--free", "stiffness"], "--rigid: given with --free, expected without"),
         (["--segments", "0.05"], "--segments: given no --free"),
-        (["--validate", "x.toml"], "given without --rigid or --segments"),
+        (["--validate", "x.toml"], "run0.toml: given what is no .npz file"),
         (["--rigid", "--counterbalance", "q9=1"], "counterbalance: given 'q9'"),
     ],
 )

@@ -101,6 +101,7 @@ VALUES = {
     ("measure", "raw"): "a folder; Python takes a function",
     ("kinematics", "rotation"): "a rotation vector; Python takes the axes",
     ("export ros2", "no_gains"): "a switch: no gains; the default is a text",
+    ("commission", "curves"): "a switch: always; default: where records ask for them",
 }
 # Options with a help of their own, because the verb calls two functions; the rest is derived.
 TWO_FUNCTIONS = {

@@ -41,7 +41,8 @@ def poses_with_levels(seed: int) -> tuple[flexgen.RobotModel, flexgen.StaticPose
     """Levels x and z of the second body with unknown zeros, of a robot with a softer axis."""
     base = flexgen.read("manutec_r3_18", overrides={"sensor": [LEVEL, FOOT]})
     name = springs(base)[-1]
-    stiffness = next(d.spring.stiffness for d in base.elements[1].dofs if d.name == name)  # type: ignore[union-attr]
+    spring = next(dof.spring for dof in base.elements[1].dofs if dof.name == name)
+    stiffness = getattr(spring, "stiffness", 0.0)
     softer = {f"element.body2.dof.{name}.spring.stiffness": 0.6 * stiffness}
     there = flexgen.read(base.file, overrides={"sensor": [LEVEL, FOOT], **softer})
     rng = np.random.default_rng(seed)

@@ -72,7 +72,7 @@ def test_a_calibrated_model_is_of_the_same_variant(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(calibrated.Calibration, "changes", property(lambda self: {"key": 1.0}))
     for variant, expected in (("stiff", "stiff"), ("", None)):
         made = object.__new__(calibrated.Calibration)
-        nominal = Made(file="arm.toml", variant=variant, overrides={}, text="{}")
+        nominal = Made(file="arm.toml", variant=variant, overrides={}, text="{}", not_measured=())
         object.__setattr__(made, "nominal", nominal)
         assert made.model is None and asked[-1] == ("arm.toml", expected, {"key": 1.0})
     object.__setattr__(made, "nominal", Made(file="", variant=""))

@@ -155,7 +155,7 @@ def test_units_of_recordings_on_the_pages_are_those_that_are_read() -> None:
     for title, kinds in named.items():
         found = set(re.findall(r"`([^`]*)`", rows[title]["unit"].replace('`side = "arm"`', "")))
         expected = {unit for si in kinds for unit in units.FACTORS[si]}
-        assert found == expected | (set(units.CURRENTS) if "N m" in kinds else set())
+        assert found == expected | (set(units.ELECTRIC) if "N m" in kinds else set())
     drive = set(rows["`[drive]`"])
     assert drive == {*experiment_file.GAINS, *experiment_file.NOISES, "low_pass", "notch"}
 

@@ -270,18 +270,16 @@ def test_vibration_does_not_include_what_hysteresis_holds_at_rest() -> None:
 def test_a_fast_move_in_words(planar):
     """Durations, limits as of the given move, what a rigid robot needs, and the vibration."""
     lines = str(planar).splitlines()
-    change = 100 * (1 - planar.duration_s / planar.default_s)
-    assert lines[0] == (
-        f"planar5_nmp, move line: {planar.duration_s:.4f} s instead of {planar.default_s:.4f} s "
-        f"({change:.0f} % less)"
-    )
+    change = 100 * (planar.duration_s / planar.default_s - 1)
+    assert lines[0] == "planar5_nmp, move line"
+    assert f"  duration of the path: {planar.duration_s:.4g} s ({change:+.0f} %)" in lines
+    assert f"  duration as given: {planar.default_s:.4g} s" in lines
     largest = np.abs(planar.default.trajectory["tau_m"]).max(axis=0)
     assert planar.assumed == pytest.approx({"m1": largest[0], "m2": largest[1]})
-    assert lines[1].startswith(
-        "  torque limits as of the largest torques of the move as given: m1"
-    )
-    assert f"  a rigid robot whose torques may jump needs {planar.rigid_s:.4f} s" in lines
+    limit = f"  torque limit of m1, as of the move as given: {largest[0]:.4g} N m"
+    rigid = f"  duration of a rigid robot whose torques may jump: {planar.rigid_s:.4g} s"
+    assert limit in lines and rigid in lines
     slow = replace(planar, duration_s=1.22 * planar.default_s)
-    assert "(22 % more)" in str(slow)
+    assert "(+22 %)" in str(slow)
     assert repr(planar).startswith(f"<FastestMove planar5_nmp: {planar.default_s:.4g} -> ")
-    assert any(line.startswith("  vibration after the path, soft: ") for line in lines)
+    assert any(line.startswith("soft ") for line in planar.to_text().splitlines())

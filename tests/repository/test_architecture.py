@@ -104,7 +104,7 @@ PARAMETERS = {
     "identification/gears/identify.py identify_gears": 13,
     # a verb; records, spring, elements and columns are what tests differ in
     "identification/gears/identify_spring.py identify_spring": 13,
-    "identification/experiments/plan.py excite": 18,  # a verb
+    "identification/experiments/plan.py excite": 20,  # a verb
     "identification/responses/graybox.py identify": 19,  # a verb; responses that are held out, too
     "identification/motions/motion_fit.py fit_motion": 11,  # a verb
     # a verb; the force of a process is data of the problem, as the move is

@@ -116,6 +116,7 @@ INNER = (
         "Result.picture",
         "Result.content_as_text",
         "Result.content_as_html",
+        "Commissioning.check_file",
         "Estimated.uncertainty",
         "FastestMove.torques",
         "Solution.positions",

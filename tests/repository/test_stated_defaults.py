@@ -18,6 +18,7 @@ from flexgen.feedback.loop.hardware import DriveHardware
 from flexgen.identification.load.payload import LOW_PASS_HZ
 from flexgen.inversion.comparison import bdf, reduced
 from flexgen.simulation.integration.hold import SAMPLE_TIME
+from flexgen.studies.templates import payload_beam
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -59,6 +60,7 @@ def of_keys(table: str, name: str) -> float:
 TRUTHS = {
     "docs/c_library.md": [float(next(x.default for x in OPTIONS.fields if x.name == "growth"))],
     "docs/command_line.md": [of_call(flexgen.solve, "time_limit")],
+    "docs/elastic_payload.md": [payload_beam.DAMPING],
     "docs/methods.md": [of_call(flexgen.solve, "accuracy"), of_call(flexgen.solve, "time_limit")],
     "flexgen/inversion/comparison/README.md": [bdf.stable_order([], 1e-3), reduced.RTOL],
     "models/README.md": [

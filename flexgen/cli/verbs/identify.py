@@ -26,8 +26,6 @@ from flexgen.cli.result import (
 from flexgen.views.reports.text_tables import number
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from flexgen.model.elements import RobotModel
 
 HARDWARE = {  # options of `excite` and the fields of DriveHardware
@@ -79,19 +77,17 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
     )
 
 
-def poses_of(given: list[list[float]], model: RobotModel) -> np.ndarray:
+def poses_of(given: list[list[float]], model: RobotModel) -> list[list[float]]:
     """Poses (k, n_g) [rad or m] of the command line; ArgumentError where one has another number of
     joints.
     """
-    import numpy as np
-
     names = ", ".join(model.coordinates[i].name for i in model.i_g)
     for pose in given:
         if len(pose) != model.n_g:
             raise ArgumentError(
                 f"--pose: given {len(pose)} numbers, expected {model.n_g}: {names} [rad or m]"
             )
-    return np.array(given, dtype=float)
+    return given
 
 
 def _write_references(plan: Any, folder: Path, after: dict[str, str]) -> Path:

@@ -41,6 +41,7 @@ class Box:
 
     Examples
     --------
+    >>> inf = float("inf")
     >>> floor = flexgen.Box((-inf, -inf, -inf), (inf, inf, 0.0))
     >>> floor.distance([[0.3, 0.0, 0.25], [0.3, 0.0, -1.0]]).tolist()
     [0.25, 0.0]
@@ -100,7 +101,7 @@ class Surroundings:
         points = ca.vertcat(*(frame.p for frame in chain.frames.values()), chain.tool.p)
         self._origins = ca.Function("origins", [chain.q_a], [ca.densify(points)])
 
-    def touched(self, q_g: np.ndarray, room: np.ndarray) -> str | None:
+    def find_contact(self, q_g: np.ndarray, room: np.ndarray) -> str | None:
         """Why the links come too near to a box at joints ``q_g`` (n_g,) that move by ``room``
         (n_g,) [rad or m], or None.
         """

@@ -52,7 +52,7 @@ OPTIMAL = "optimal"
 def excite(
     model: RobotModel | str | Path,
     *,
-    poses: Count | np.ndarray = 8,
+    poses: Count | Sequence[Sequence[float]] | np.ndarray = 8,
     criterion: operating_points.CriterionName = "A",
     free: Sequence[str] | None = None,
     speed_rms: Positive | Sequence[float] = 0.05,
@@ -262,7 +262,7 @@ def _with_poses(
     plan: Plan,
     room: _Room,
     vector: ParameterVector,
-    poses: int | np.ndarray,
+    poses: int | Sequence[Sequence[float]] | np.ndarray,
     criterion: str,
     seed: int,
     progress: Choice,
@@ -368,7 +368,7 @@ class _Room:
                         f"the motion of {dof.name} reaches {q[k] + side * moved[k]:.4g}, expected "
                         f"within {limit:.4g}"
                     )
-        return self._around.touched(q, moved)
+        return self._around.find_contact(q, moved)
 
 
 def _check_speeds(plan: Plan, model: RobotModel) -> None:

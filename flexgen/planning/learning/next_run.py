@@ -113,8 +113,20 @@ class NextRun(Result):
 
     Examples
     --------
-    >>> flexgen.NextRun.__name__
-    'NextRun'
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> trajectory = flexgen.solve("elbow", "line").trajectory
+    >>> _ = trajectory.save(folder / "trajectory.csv")
+    >>> time = np.arange(-0.2, 1.5, 0.002)
+    >>> y = flexgen.plan("elbow", "line").sample(time).y[:, :, 0] + [[3e-4, -1e-4]]
+    >>> table = np.column_stack([time, 1e3 * y])
+    >>> names = "time_s,x_mm,z_mm"
+    >>> np.savetxt(folder / "run.csv", table, delimiter=",", header=names, comments="")
+    >>> options = flexgen.LearningOptions(clock=0.0, frame=[0.0] * 6)
+    >>> found = flexgen.next_run("elbow", folder, folder / "run.csv", options=options)
+    >>> found.last.state, found.iteration
+    ('learns', 1)
     """
 
     model: str
