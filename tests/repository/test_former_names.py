@@ -24,8 +24,6 @@ MOST = 8  # parameters of a function; more of them belong into an object of opti
 LARGER = {
     # what is free, its bounds and priors by name; how the errors of the responses are modelled
     "identify": 10,
-    # the spring, its elements and their exponents, columns and the side of the gear
-    "identify_spring": 10,
     # what drives the robot: a trajectory or a command, its hold, feedback, a start; what it
     # touches
     "simulate": 10,

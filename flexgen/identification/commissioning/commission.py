@@ -124,7 +124,7 @@ def commission(
     >>> _ = flexgen.solve("elbow").trajectory.save("lab/move.csv")
     >>> found = flexgen.commission("elbow", "lab")  # one short motion, no tracker
     >>> found.missing[0].partition(";")[0]
-    'not determined: q1.stiffness, q2.stiffness'
+    'not determined: q1.damping, q2.damping'
     """
     tell: Tell = progress if callable(progress) else lambda line: None
     began = time.perf_counter()
