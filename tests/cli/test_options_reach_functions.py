@@ -40,10 +40,12 @@ TEXTS = {
     "changes": "stiffness=0.8",
     "disturbance": "step:m1=2@0.5",
     "wall": "1.2,0,0:-1,0,0:1e5",
+    "box": "-1,-1,-2:1,1,-1.5",
 }
 # Options whose value the command line uses itself, with the reason.
 USED_BEFORE = {
     ("calibrate", "columns"): "StaticPoses.read reads the file",
+    ("identify", "validate"): "Frf.load reads the files",
     ("frf", "time_limit"): "the reading of the experiment is limited too",
     ("score", "time_limit"): "limits the scores of all controllers together",
     ("score", "controller"): "several controllers, by name",
@@ -129,6 +131,8 @@ def is_same(found: Any, expected: Any) -> bool:
         return found.tolist() == expected
     if expected == found or any(found is made for made in LOADED.values()):
         return True
+    if isinstance(expected, list) and isinstance(expected[0], dict) and "kind" not in expected[0]:
+        return all(is_same(one, each) for one, each in zip(found, expected, strict=True))  # boxes
     if isinstance(expected, list) and isinstance(expected[0], dict):  # disturbances
         return all(
             vars(one)["kind"] == each["kind"] for one, each in zip(found, expected, strict=True)

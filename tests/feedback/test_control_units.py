@@ -41,7 +41,7 @@ def test_control_of_an_angle_prints_and_reports_radians(turning, tmp_path, capsy
     )
     assert "rad, dynamic" in str(run) and not LENGTH.search(str(run))
     page = run.report(tmp_path / "page").read_text()
-    assert "largest, mrad" in page and ", mm" not in page and "output error, " in page
+    assert "error, mrad" in page and ", mm" not in page and "output error, " in page
     words = ["control", TWO_MASS, "--set", "element.load.dof.q1.gear.damping=0.02", "-q"]
     assert main(words) == 0
     assert "error, mrad" in capsys.readouterr().out
