@@ -425,6 +425,14 @@ def _with_curves(study: _Study) -> _Study | None:
     return other
 
 
+# The verdict on a fit is what it predicts: a search that ends where no step is better, as on
+# records with hysteresis, is not refused where its numbers predict the held-out parts.
+ENDED_EARLY = (
+    "the search ended at its best step, before the minimum that its quadratic model predicts; the "
+    "errors on held-out parts are the verdict"
+)
+
+
 def _result(
     robot: RobotModel,
     study: _Study,
@@ -453,11 +461,14 @@ def _result(
                 f"{row.record}: positions of held-out parts are off by {1e3 * row.after:.3g} mm, "
                 f"those of a rigid robot by {1e3 * row.rigid:.3g} mm"
             )
+    notes = [*data.notes]
     if not fit.converged and status is FitStatus.FITTED:
+        notes.append(ENDED_EARLY)
+    elif not fit.converged and status is FitStatus.NOT_CHECKED:
         status = FitStatus.NOT_CONVERGED
     if reason := reason_of_end():
         status = FitStatus.of_value(reason)
     return Commissioning(
         robot, study.robot, fit, status, tuple(problems), verdict.held_out, data.kinds,
-        data.notes, wall_s,
+        tuple(notes), wall_s,
     )  # fmt: skip
