@@ -106,6 +106,8 @@ def test_every_class_that_a_public_function_returns_is_public() -> None:
         "BoundLaw",
         "Compiled",
         "Row",
+        "Heading",
+        "Inner",
         "Prose",
         "Data",
         "FitStatus",

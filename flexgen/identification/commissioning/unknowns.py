@@ -225,6 +225,9 @@ def make_unknowns(
         places = [unknown for unknown in found if unknown.kind == "node"]
     zeros = {u.name.removesuffix(".zero"): u for u in places if u.name.endswith(".zero")}
     joints = [robot.coordinates[i] for i in robot.i_g]
+    # the place of the base is the frame of the measurement, which is free
+    bases = tuple(f"{name}." for name, parent in robot.parents.items() if parent == "base")
+    places = [u for u in places if u.name.endswith(".zero") or not u.name.startswith(bases)]
     of_lengths = [u for u in places if not u.name.endswith(".zero")]
     own = robot.n_m + 1
     parts = Parts.of(
