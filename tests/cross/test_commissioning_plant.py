@@ -153,8 +153,13 @@ def test_feedforward_of_the_true_numbers_follows_the_path(tmp_path: Path) -> Non
 
 @needs_compiler
 @pytest.mark.slow
-def test_the_verbs_read_the_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rigid motions, poses and responses; the ball is where the poses say, in another frame."""
+def test_the_verbs_read_the_records(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Rigid motions, poses and responses; the ball is where the poses say, in another frame.
+
+    So short a motion may leave no body below the payload: then the reason is named.
+    """
     from flexgen.cli.main import main
 
     monkeypatch.chdir(tmp_path)
@@ -166,4 +171,5 @@ def test_the_verbs_read_the_records(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     words = "calibrate arm.toml poses.csv --free compliances --out new.toml --quiet"
     assert main(words.split()) == 0
     words = "identify arm.toml@joints rigid.toml --rigid --out rigid.new.toml --quiet"
-    assert main(words.split()) in (0, 1) and Path("rigid.new.toml").is_file()
+    is_written = main(words.split()) == 0 or Path("rigid.new.toml").is_file()
+    assert is_written or "given a payload of 20 kg" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.display import duration
 from flexgen.base.errors import ArgumentError
 from flexgen.base.results import Result
-from flexgen.base.rows import Column, Data, Part, Prose, Table
+from flexgen.base.rows import Column, Data, Heading, Part, Prose, Table
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.feedback.loop.robustness import CONTROLS, PLANTS, compare_plants
 from flexgen.inversion.comparison.comparison import compare_methods, error_rows
@@ -111,7 +111,8 @@ class Comparison(Result):
             for unit in UNITS
         ]
         data = Data("robustness", self.robustness)
-        return Prose(BY_ROBOT), *(each for each in tables if each.cells), data
+        title = Heading("Robustness: tool error with static sag")
+        return title, Prose(BY_ROBOT), *(each for each in tables if each.cells), data
 
     @staticmethod
     def _table_of_robots(rows: list[dict[str, Any]], control: str, unit: str) -> Table:

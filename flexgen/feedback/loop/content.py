@@ -63,7 +63,7 @@ def _rows_of_loop(run: Any) -> tuple[Part, ...]:
         Data("sample_time_s", sample_s),
         Row("delay from the measurement to the torque", 1e3 * run.delay_s, "ms"),
         Data("delay_s", run.delay_s),
-        Row("noise of the motor angles", 1e6 * run.hardware.encoder_noise_rad or None, "urad"),
+        Row("noise of the encoders", 1e6 * run.hardware.encoder_noise_rad or None, "urad"),
         Data("encoder_noise_rad", run.hardware.encoder_noise_rad),
         *(
             Row(_words_of_force(key), force, key.rpartition("_")[2].replace("Nm", "N m"), key)
