@@ -199,7 +199,8 @@ class FastestMove(Result):
             Data("change", change),
             Row("duration as given", self.default_s, "s", "default_s"),
             Row("duration of a rigid robot whose torques may jump", self.rigid_s, "s", "rigid_s"),
-            Row("largest excess of a limit, relative", max(self.excess, 0.0), "", "excess"),
+            Row("largest excess of a limit, relative", max(self.excess, 0.0)),
+            Data("excess", self.excess),
             *(
                 Row(f"torque limit of {name}, as of the move as given", torque, "N m")
                 for name, torque in self.assumed.items()
