@@ -188,7 +188,9 @@ class Plant:
     def advance(self, torque: np.ndarray) -> None:
         """One step of the simulation with these motor torques (n,) [N m, motor side]."""
         data = self.data
-        position, speed, force = data.qpos, data.qvel, data.qfrc_applied
+        position = data.qpos
+        speed = data.qvel
+        force = data.qfrc_applied
         theta = position[: self.n]
         phase = self.cycles * theta
         rate = 1.0 + self.error * self.cycles * np.cos(phase)

@@ -13,7 +13,9 @@ import numpy as np
 
 from benchmarks.commissioning.chains import Axis, Body, Chain, Friction, Gear, Link
 
-X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+X = (1.0, 0.0, 0.0)
+Y = (0.0, 1.0, 0.0)
+Z = (0.0, 0.0, 1.0)
 STIFFNESS_TO_DAMPING = 5e-4  # s: damper over spring, 1.5 % of critical at 10 Hz
 NAMES = ("three_axes", "six_axes", "six_axes_on_column")
 

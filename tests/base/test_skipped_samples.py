@@ -67,7 +67,8 @@ def test_a_real_arm_has_none_and_planted_ones_are_found(run):
     if not file.exists():
         pytest.skip("no recordings kr300: KUKA KR300 of TU Kaiserslautern")
     data = np.load(file)
-    t, x = data["t"], data["q_mot_deg"].T
+    t = data["t"]
+    x = data["q_mot_deg"].T
     assert skipped_samples(t, x) == []
     speed = np.abs(np.diff(x, axis=0)).max(axis=1)
     fast = np.flatnonzero(speed[20:-20] > 0.3 * speed.max()) + 20

@@ -27,7 +27,8 @@ IDEAL = plant.Hardware(resolution=0.0, encoder_noise=0.0, torque_noise=0.0)
 
 def potential(chain: chains.Chain, angles: np.ndarray) -> float:
     """Energy of gravity [J] at all angles of the axes, by the positions of the bodies."""
-    place, turn = np.zeros(3), np.eye(3)
+    place = np.zeros(3)
+    turn = np.eye(3)
     energy = 0.0
     given = iter(angles)
     for link in chain.links:

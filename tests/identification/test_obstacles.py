@@ -20,7 +20,8 @@ SHORT = {"period_s": 1.0, "lines": 6, "progress": False}
 
 def joints_of_elbow(q: np.ndarray) -> np.ndarray:
     """Second joint and tool of `elbow` (2, 3) [m] at joints (2,) [rad], see its file."""
-    first, second = 1.150, 1.241  # m
+    first = 1.150  # m
+    second = 1.241  # m
     elbow = first * np.array([math.sin(q[0]), 0.0, math.cos(q[0])])
     angle = q[0] + q[1]
     return np.array([elbow, elbow + second * np.array([math.cos(angle), 0.0, -math.sin(angle)])])

@@ -46,7 +46,8 @@ def test_motor_and_tip_of_a_flexible_link_from_the_voltage(tmp_path):
     assert found.values["m1.viscous"] == pytest.approx(0.07, rel=0.15)
     assert 2e-3 < found.values["link.inertia_zz"] < 4e-3
     part = (whole["t"] >= 3.25) & (whole["t"] <= 4.75)
-    t, volts = whole["t"][part], whole["vm"][part]
+    t = whole["t"][part]
+    volts = whole["vm"][part]
     theta, alpha = (np.deg2rad(whole[name][part]) for name in ("theta", "alpha"))
     rates = [(x[5] - x[0]) / (t[5] - t[0]) for x in (theta, alpha)]
     y = simulate_link(found.values, t, volts, np.array([theta[0], alpha[0], *rates]))

@@ -57,7 +57,6 @@ CONDITIONAL = {
     "flexgen/base/calls/progress.py": 1,
     "flexgen/studies/templates/dh_model.py": 1,
     "flexgen/base/checks/type_checks.py": 1,
-    "flexgen/base/spec/units.py": 1,
     "tests/client/test_path_sampler.py": 1,
     "tests/cross/test_hysteresis_in_c.py": 1,
     "tests/support/hostile.py": 1,

@@ -271,13 +271,13 @@ def test_tuning_improves_and_writes_what_it_found(tmp_path):
 def test_a_page_of_a_score(tmp_path):
     page = flexgen.score("four_mass", "ppi", progress=False).report(tmp_path / "page").read_text()
     assert (
-        "V = 0.7" in page
+        "<td>score V</td><td>0.7" in page
         and "Published:" in page
         and "Rule: A score is the mean over the draws." in page
     )
     assert (
-        "worst draw 0." in page
-        and "over 8 draws" in page
+        "<td>worst draw</td><td>0." in page
+        and "standard deviation of the draws" in page
         and (tmp_path / "page" / "score.png").exists()
     )
 

@@ -59,7 +59,7 @@ class RecordFile:
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """What a folder has, in SI units: motions with torques, some of them tracked; static poses;
+    """Records of a folder, in SI units: motions with torques, some of them tracked; static poses;
     responses by level; ``notes``: what was done to the files.
     """
 

@@ -99,7 +99,8 @@ def _mistakes(arm: ElasticArm, motion: Motion) -> Iterator[tuple[str, Motion]]:
 
     for i, j in combinations(range(robot.n_m), 2):
         order = list(range(robot.n_m))
-        order[i], order[j] = j, i
+        order[i] = j
+        order[j] = i
         both = f"{motors[i]} and {motors[j]}"
         yield f"the torques of {both} are exchanged", change(q_m, tau[:, order])
         yield f"the angles of {both} are exchanged", change(q_m[:, order], tau)
@@ -151,7 +152,8 @@ def check_responses(robot: RobotModel, name: str, data: Frf) -> None:
     left = []
     for i, j in combinations(range(n), 2):
         order = list(range(n))
-        order[i], order[j] = j, i
+        order[i] = j
+        order[j] = i
         words = f"{motors[i]} and {motors[j]} are exchanged"
         left.append((spread(data.poses[:, order], order), words))
     left.append((spread(data.poses * DEGREES, same), "the poses are in degrees"))

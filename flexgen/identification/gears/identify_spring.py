@@ -384,16 +384,22 @@ class SpringProblem:
         lay = self.layout
         low = np.full(lay.size, -np.inf)
         high = np.full(lay.size, np.inf)
-        low[lay.exponent], high[lay.exponent] = 0.0, np.log(SHARPEST)
-        low[lay.start], high[lay.start] = -1.0, 1.0
-        low[lay.torque], high[lay.torque] = -2.0, 2.0
-        low[lay.deflection], high[lay.deflection] = -2.0, 2.0
+        low[lay.exponent] = 0.0
+        high[lay.exponent] = np.log(SHARPEST)
+        low[lay.start] = -1.0
+        high[lay.start] = 1.0
+        low[lay.torque] = -2.0
+        high[lay.torque] = 2.0
+        low[lay.deflection] = -2.0
+        high[lay.deflection] = 2.0
         widest = float(self.width.max())
         # an element that does not slip within the test is a part of the spring
-        low[lay.reach], high[lay.reach] = np.log(NARROWEST * widest), np.log(widest)
+        low[lay.reach] = np.log(NARROWEST * widest)
+        high[lay.reach] = np.log(widest)
         for k, name in enumerate(self.names):
             if name in ("break_at", "gap", "smoothing"):
-                low[k], high[k] = np.log(1e-6 * widest), np.log(10.0 * widest)
+                low[k] = np.log(1e-6 * widest)
+                high[k] = np.log(10.0 * widest)
             elif name in STIFFNESSES:
                 low[k] = np.log(SOFTEST * float((self.size / self.width).max()))
         return low, high

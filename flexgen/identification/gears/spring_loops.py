@@ -108,11 +108,13 @@ def turning_points(x: np.ndarray, least: float) -> tuple[int, ...]:
             low = k
         if direction >= 0 and x[high] - x[k] > least:
             turns += [high] if high > turns[-1] else []
-            direction, low = -1, k
+            direction = -1
+            low = k
             high = k
         elif direction <= 0 and x[k] - x[low] > least:
             turns += [low] if low > turns[-1] else []
-            direction, high = 1, k
+            direction = 1
+            high = k
             low = k
     return (*turns, len(x) - 1) if turns[-1] < len(x) - 1 else tuple(turns)
 
