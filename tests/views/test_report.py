@@ -509,8 +509,8 @@ def test_tables_of_tool_errors_name_what_they_measure(tmp_path):
     assert (
         "is not part of this error" in text
         and "is part of this error" in text
-        and "distance in mm" in text
-        and "4.2" in text.split("distance in mm")[1]
+        and "rigid, mm" in text
+        and "4.2" in text.split("rigid, mm")[1]
     )
 
 

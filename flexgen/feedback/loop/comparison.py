@@ -111,7 +111,7 @@ class Comparison(Result):
             for unit in UNITS
         ]
         data = Data("robustness", self.robustness)
-        title = Heading("Robustness: tool error with static sag")
+        title = Heading("Robustness: tool error including static sag")
         return title, Prose(BY_ROBOT), *(each for each in tables if each.cells), data
 
     @staticmethod
