@@ -108,6 +108,7 @@ def test_every_class_that_a_public_function_returns_is_public() -> None:
         "Row",
         "Heading",
         "Inner",
+        "JointMotion",
         "Prose",
         "Data",
         "FitStatus",
