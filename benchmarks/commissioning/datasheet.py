@@ -127,5 +127,5 @@ def payload_text(body: Body) -> str:
 
 
 def write_datasheet(chain: Chain, path: Path) -> None:
-    """What the user starts from: the stated arm of `robots.stated`."""
+    """Datasheet that the user starts from: the stated arm of `robots.stated`."""
     write_model(chain, path)

@@ -74,7 +74,7 @@ ARM = (
 
 
 def wrist(path: Path) -> Path:
-    """The same path of an arm with six axes."""
+    """Path of an arm with six axes, as that of three."""
     return Path(
         path.name,
         (*path.start_deg, 15.0, -40.0, 20.0),

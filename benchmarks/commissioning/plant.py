@@ -39,7 +39,7 @@ class Hardware:
 
 @dataclass(frozen=True)
 class Motion:
-    """What happened: one row for each sample of the drives."""
+    """Record of a run: one row for each sample of the drives."""
 
     time: np.ndarray  # (N,) s
     angles: np.ndarray  # (N, n) rad, motor side, as the encoders show them

@@ -1,4 +1,4 @@
-"""What the user records on the true robot, in the files that flexgen's verbs read.
+"""Records of the user on the true robot, in the files that flexgen's verbs read.
 
 | file | content | verb |
 |---|---|---|
@@ -31,7 +31,7 @@ from benchmarks.commissioning.plant import Motion, Plant
 
 @dataclass(frozen=True)
 class Campaign:
-    """How much is recorded, and how well."""
+    """Extent of the records, and their noise."""
 
     poses: int = 60  # static
     noise: float = 3e-5  # m: of each coordinate of the tracker

@@ -22,7 +22,7 @@ NAMES = ("three_axes", "six_axes", "six_axes_on_column")
 
 @dataclass(frozen=True)
 class Traits:
-    """How far a true robot is from its data sheet."""
+    """Distance of a true robot from its data sheet."""
 
     body: float = 0.05  # largest relative error of the masses, centers and inertias of CAD
     gear: tuple[float, float] = (0.75, 1.0)  # true stiffness over that of the catalogue
@@ -178,7 +178,7 @@ def six_axes_on_column() -> Chain:
 
 
 def drawn_body(stated: Body, share: float, random: np.random.Generator) -> Body:
-    """The same with errors of mass, center and inertia up to the share of their size."""
+    """Body with errors of mass, center and inertia up to this share of their size."""
     width = np.sqrt(np.diag(stated.inertia).max() / stated.mass)  # m: radius of gyration
     half = np.diag(np.sqrt(1.0 + share * random.uniform(-1, 1, 3)))
     return Body(

@@ -1,4 +1,4 @@
-"""The same draws of a strategy in every run."""
+"""Draws of a strategy, equal in every run."""
 
 from __future__ import annotations
 
