@@ -20,6 +20,7 @@ from flexgen.base.display import table_html
 from flexgen.base.errors import ArgumentError
 from flexgen.base.spec.fourier import FourierSum
 from flexgen.base.spec.parts import Beam as Beam
+from flexgen.base.spec.parts import BeamTip as BeamTip
 from flexgen.base.spec.parts import Bending as Bending
 from flexgen.base.spec.parts import Tolerances
 from flexgen.base.spec.sensors import Sensor
@@ -344,10 +345,32 @@ def coordinates_of(elements: Sequence[Element]) -> tuple[Coordinate, ...]:
         for dof in (dof for dof in element.dofs if not dof.mimic):
             unit = "rad" if dof.type == "rotation" else "m"
             out.append(Coordinate(dof.name, unit, dof.actuated, element.name, dof))
-        for bending in element.beam.bendings if element.beam is not None else ():
-            names = (f"{element.name}_{bending.direction}{k + 1}" for k in range(bending.modes))
-            out += [Coordinate(name, "m", False, element.name, None) for name in names]
+        if element.beam is not None:
+            out += [
+                Coordinate(f"{element.name}_{name}", unit, False, element.name, None)
+                for name, unit in modal_names(element.beam)
+            ]
     return tuple(out)
+
+
+def kind_of_mode(coordinate: Coordinate) -> str:
+    """Bending, torsion or elongation: of the modal coordinate of a beam."""
+    ending = coordinate.name.removeprefix(f"{coordinate.element}_")
+    if ending.startswith("twist"):
+        return "torsion"
+    return "elongation" if ending.startswith("x") else "bending"
+
+
+def modal_names(beam: Beam) -> list[tuple[str, str]]:
+    """Endings of the names of a beam's modal coordinates, and their units, in their order:
+    bending after bending, torsion, stretch.
+    """
+    groups = [(bending.direction, "m", bending.modes) for bending in beam.bendings]
+    if beam.torsion is not None:
+        groups.append(("twist", "rad", beam.torsion.modes))
+    if beam.stretch is not None:
+        groups.append(("x", "m", beam.stretch.modes))
+    return [(f"{kind}{k + 1}", unit) for kind, unit, modes in groups for k in range(modes)]
 
 
 @checked_result

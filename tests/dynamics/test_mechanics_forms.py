@@ -5,7 +5,6 @@ differences and balances of power.
 from __future__ import annotations
 
 import dataclasses
-from types import SimpleNamespace as Made
 from typing import Any
 
 import casadi as ca
@@ -16,6 +15,7 @@ from scipy.optimize import brentq
 
 import flexgen
 from flexgen.base.errors import SolverError
+from flexgen.base.spec.parts import Beam, Bending
 from flexgen.dynamics.mechanics import beam, force_laws, ports, signatures, statics
 from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.implicit_dae import implicit_dae
@@ -95,9 +95,8 @@ def test_modes_of_a_clamped_beam_are_those_of_the_textbook() -> None:
                 np.testing.assert_allclose(
                     (high - low) / (2 * h), (slope, curvature)[n], atol=1e-7
                 )
-    bending = Made(modes=2, stiffness=30.0, damping_ratio=0.02, direction="y")
-    other = Made(modes=1, stiffness=80.0, damping_ratio=0.05, direction="z")
-    made = beam.modal_beam(Made(length=1.5, mass_per_length=2.0, bendings=(bending, other)))
+    bendings = (Bending("y", 30.0, 2, 0.02), Bending("z", 80.0, 1, 0.05))
+    made = beam.modal_beam(Beam(length=1.5, mass_per_length=2.0, bendings=bendings))
 
     def integral(f: Any) -> float:
         return 2.0 * float(quad(lambda s: f(np.array(s)), 0.0, 1.5, epsabs=1e-13)[0])

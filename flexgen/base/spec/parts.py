@@ -51,18 +51,57 @@ class Bending:
 
 
 @dataclass(frozen=True)
+class Torsion:
+    """Torsion of a beam about its axis: torsional stiffness G J [N m^2], polar moment of inertia
+    per length [kg m], modes, damping ratio.
+    """
+
+    stiffness: float
+    inertia_per_length: float
+    modes: int
+    damping_ratio: float
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Elongation of a beam along its axis: axial stiffness E A [N], modes, damping ratio."""
+
+    stiffness: float
+    modes: int
+    damping_ratio: float
+
+
+@dataclass(frozen=True)
+class BeamTip:
+    """Rigid body at the end of a beam for which its modes are computed: mass [kg] and moments of
+    inertia [kg m^2] about x, y and z of the tip.
+
+    Only the shapes of the modes depend on it: its mass is that of the payload or of the elements
+    that follow.
+    """
+
+    mass: float = 0.0
+    inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class Beam:
     """A slender elastic link along the x axis of its body's frame, clamped at the origin
     (Euler-Bernoulli).
 
-    Its deflection is a sum of clamped-free modes; each modal coordinate (tip deflection of the
-    mode [m]) is a non-actuated coordinate. Foreshortening is neglected. ``length`` [m],
-    ``mass_per_length`` [kg/m].
+    Its deflection is a sum of modes that are clamped at the origin and carry ``tip`` at the end;
+    each modal coordinate is a non-actuated coordinate: deflection of the tip in its mode [m], or
+    twist of the tip [rad]. Foreshortening is neglected. ``length`` [m], ``mass_per_length``
+    [kg/m]; ``axial_load`` [N]: constant tension along the beam, negative where it is compressed.
     """
 
     length: float
     mass_per_length: float
     bendings: tuple[Bending, ...]
+    torsion: Torsion | None = None
+    stretch: Stretch | None = None
+    tip: BeamTip | None = None
+    axial_load: float = 0.0
 
 
 def friction_key(

@@ -80,6 +80,14 @@ ROWS = (
                     "text",
                 ),
                 Option(
+                    "link",
+                    "of the template flexible-link: its elastic link from a drawing "
+                    "(m, Pa, kg/m^3), such as beam:length=0.8,width=0.05,height=0.008,"
+                    "modulus=70e9,density=2700,damping=0.01",
+                    "BEAM",
+                    "text",
+                ),
+                Option(
                     "convention",
                     "of the table: a and alpha lead to the next axis (standard), or "
                     "come before the axis (modified, Craig); not needed where the "

@@ -30,6 +30,8 @@ def new(args: Namespace, log: Progress) -> VerbResult:
         raise ArgumentError("--convention: given without --dh, expected --dh FILE.csv")
     if args.payload and args.urdf is None:
         raise ArgumentError("--payload: given without --urdf, expected --urdf FILE")
+    if args.link and (args.urdf is not None or args.dh is not None):
+        raise ArgumentError("--link: given for another robot, expected --template flexible-link")
     found = {"name": args.name, "out": str(path)}
     if args.dh is None:
         return _from_template(args, path)
@@ -50,8 +52,10 @@ def _next_steps(path: Path, *, has_moves: bool = True) -> str:
 def _from_template(args: Namespace, path: Path) -> VerbResult:
     """Write a template, or the overlay of a URDF file with its repairs."""
     from flexgen.studies.templates.new_model import new_overlay
+    from flexgen.studies.templates.template_names import FLEXIBLE_LINK
 
-    given = args.template or "planar", args.urdf, path.parent, args.payload
+    template = args.template or (FLEXIBLE_LINK if args.link else "planar")
+    given = template, args.urdf, path.parent, args.payload, args.link
     made = new_overlay(args.name, *given)
     write_text(path, made.text)
     lines = [f"wrote {path}", *(f"repaired: {note}" for note in made.repairs)]

@@ -132,7 +132,8 @@ def beam_energies(
 
     With r = x e_x + u, u = sum phi_k q_k d_k:
     T = m |v0|^2/2 + v0.(w x S + S') + w.I w/2 + w.H + (modal), S = int r dm, I = int (r.r 1 - r
-    r') dm, H = int r x r' dm.
+    r') dm, H = int r x r' dm. Torsion t = sum phi_k q_k adds int i (w_x + t')^2 dx / 2, i the
+    polar moment of inertia per length.
     """
     d = beam.direction.T  # (3, n)
     ex = np.array([1.0, 0.0, 0.0])
@@ -160,13 +161,20 @@ def beam_energies(
         + ca.dot(w, spin)
         + ca.dot(v, ca.mtimes(ca.SX(ca.DM(beam.m2 * (d.T @ d))), v)) / 2
     )
+    if beam.twist.any():
+        kinetic = (
+            kinetic
+            + beam.polar * w[0] ** 2 / 2
+            + w[0] * ca.dot(ca.SX(ca.DM(beam.polar1)), v)
+            + ca.dot(v, ca.mtimes(ca.SX(ca.DM(beam.polar2)), v)) / 2
+        )
     potential = -ca.dot(gravity, beam.mass * frame.p + ca.mtimes(frame.R, first))
     return kinetic, potential
 
 
 def beam_tip(frame: Frame, element: Element, beam: ModalBeam, q: ca.SX, v: ca.SX) -> Frame:
     """Frame at the beam's tip: deflected by the modes with coordinates ``q`` and rates ``v``,
-    turned by their slopes (first about z, then about y).
+    turned by their slopes (first about z, then about y) and twisted about its axis.
     """
     assert element.beam is not None
     d = ca.SX(ca.DM(beam.direction.T))
@@ -183,6 +191,9 @@ def beam_tip(frame: Frame, element: Element, beam: ModalBeam, q: ca.SX, v: ca.SX
     ):
         slope = ca.SX(ca.DM(sign * beam.slope * beam.direction[:, row]))
         moved = _turn(moved, axis, ca.dot(slope, q), ca.dot(slope, v))
+    if beam.twist.any():
+        twist = ca.SX(ca.DM(beam.twist))
+        moved = _turn(moved, np.array([1.0, 0.0, 0.0]), ca.dot(twist, q), ca.dot(twist, v))
     return moved
 
 

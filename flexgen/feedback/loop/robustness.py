@@ -35,6 +35,7 @@ from flexgen.dynamics.mechanics.statics import hold_joints, hold_motors
 from flexgen.inversion.solution import Solution
 from flexgen.model.elements import (
     BacklashSpring,
+    Beam,
     Body,
     CubicSpring,
     Element,
@@ -112,11 +113,30 @@ def _element(element: Element, plant: Plant) -> Element:
         )
     beam = element.beam
     if beam is not None:
-        bendings = tuple(
+        beam = _beam(beam, plant)
+    return replace(element, dofs=tuple(dofs), body=_body(element.body, plant.mass), beam=beam)
+
+
+def _beam(beam: Beam, plant: Plant) -> Beam:
+    """A beam that is stiffer and heavier by the factors of ``plant``; the shapes of its modes stay
+    those of the model.
+    """
+    stiffer = {
+        "bendings": tuple(
             replace(b, stiffness=b.stiffness * plant.stiffness) for b in beam.bendings
         )
-        beam = replace(beam, bendings=bendings, mass_per_length=beam.mass_per_length * plant.mass)
-    return replace(element, dofs=tuple(dofs), body=_body(element.body, plant.mass), beam=beam)
+    }
+    if beam.torsion is not None:
+        stiffer["torsion"] = replace(
+            beam.torsion,
+            stiffness=beam.torsion.stiffness * plant.stiffness,
+            inertia_per_length=beam.torsion.inertia_per_length * plant.mass,
+        )
+    if beam.stretch is not None:
+        stiffer["stretch"] = replace(
+            beam.stretch, stiffness=beam.stretch.stiffness * plant.stiffness
+        )
+    return replace(beam, mass_per_length=beam.mass_per_length * plant.mass, **stiffer)
 
 
 def _spring(spring: Spring, factor: float) -> Spring:

@@ -14,7 +14,15 @@ from flexgen.base.errors import FlexgenError, ModelError
 from flexgen.base.spec.memory import LUGRE
 from flexgen.base.spec.parts import GearFriction
 from flexgen.base.spec.schema import write
-from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, RobotModel
+from flexgen.model.elements import (
+    Coordinate,
+    Dof,
+    Friction,
+    Gear,
+    Motor,
+    RobotModel,
+    kind_of_mode,
+)
 from flexgen.model.format.format_robot import (
     COGGING,
     ENCODER_ERROR,
@@ -223,7 +231,7 @@ def _coordinate(coordinate: Coordinate) -> dict[str, Any]:
     dof = coordinate.dof
     row = _fields(coordinate, "name", "unit", "actuated", "element")
     row["type"] = "beam mode" if dof is None else dof.type
-    return row if dof is None else row | _dof(dof)
+    return row | ({"mode": kind_of_mode(coordinate)} if dof is None else _dof(dof))
 
 
 def _dof(dof: Dof) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -10,6 +12,7 @@ import numpy as np
 
 from flexgen.base.registry import import_object
 from flexgen.base.spec.keys import (
+    Check,
     Context,
     Format,
     Key,
@@ -29,11 +32,21 @@ from flexgen.base.spec.keys import (
     whole,
     words,
 )
-from flexgen.base.spec.parts import KINDS, Tolerances
+from flexgen.base.spec.parts import KINDS, BeamTip, Stretch, Tolerances, Torsion
 from flexgen.base.spec.ports import c_name_problem, identifier_problem
 from flexgen.base.spec.schema import table_schema
 from flexgen.base.spec.tables import IDENTIFIER, Table, show
-from flexgen.model.elements import Beam, Bending, Body, Element, Matrix, Placement, Tool, Vector
+from flexgen.model.elements import (
+    ZERO,
+    Beam,
+    Bending,
+    Body,
+    Element,
+    Matrix,
+    Placement,
+    Tool,
+    Vector,
+)
 from flexgen.model.format import format_robot as robot
 from flexgen.model.format.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format.format_programs import PROGRAM
@@ -72,21 +85,60 @@ def _check_direction(table: Table, here: Context) -> None:
         raise table.fail("direction", "each direction at most once")
 
 
-def _name_modes(table: Table, here: Context) -> None:
-    """Add the names of modal coordinates; ModelError where one cannot be a name."""
-    taken = here.names["coordinate"]
-    element = list(here.names["element"])[-1]
-    for k in range(here.values["modes"]):
-        name = f"{element}_{here.values['direction']}{k + 1}"
-        problem = "a name that is not taken yet" if name in taken else identifier_problem(name)
-        if problem is not None:
-            raise table.fail("modes", problem, f"a modal coordinate {name}")
-        taken[name] = table
+def _name_modes(kind: Callable[[Context], str]) -> Check:
+    """Check that adds the names of the modal coordinates of a group of modes, such as those that
+    bend in one direction; ModelError where one cannot be a name.
+    """
+
+    def check(table: Table, here: Context) -> None:
+        """Name the modes of the table."""
+        taken = here.names["coordinate"]
+        element = list(here.names["element"])[-1]
+        for k in range(here.values["modes"]):
+            name = f"{element}_{kind(here)}{k + 1}"
+            problem = "a name that is not taken yet" if name in taken else identifier_problem(name)
+            if problem is not None:
+                raise table.fail("modes", problem, f"a modal coordinate {name}")
+            taken[name] = table
+
+    return check
 
 
 def _check_ratio(table: Table, here: Context) -> None:
     if here.values["damping_ratio"] >= 1.0:
         raise table.fail("damping_ratio", "a number >= 0 and below 1")
+
+
+def _modes(kind: Callable[[Context], str]) -> tuple[Key, Key]:
+    """Number of modes of a group, and their damping ratio."""
+    return (
+        Key("modes", whole(1, 8), "number of modes", check=_name_modes(kind)),
+        Key(
+            "damping_ratio",
+            number(least=0.0),
+            "damping ratio of each mode, below 1",
+            "",
+            0.0,
+            check=_check_ratio,
+        ),
+    )
+
+
+def _check_tip(table: Table, here: Context) -> None:
+    if min(here.values["inertia"]) < 0.0:
+        raise table.fail("inertia", "three moments of inertia >= 0 [kg m^2]")
+
+
+def _check_load(table: Table, here: Context) -> None:
+    """Refuse a compression at which the straight beam is not stable: Euler's load of a column that
+    is clamped at one end, ``pi^2 E I / (2 L)^2``.
+    """
+    softest = min(bending.stiffness for bending in here.values["bending"])
+    critical = math.pi**2 * softest / (2.0 * here.values["length"]) ** 2
+    if here.values["axial_load"] <= -critical:
+        raise table.fail(
+            "axial_load", f"more than {-critical:.4g} N, the load at which the beam buckles"
+        )
 
 
 BENDING = Format(
@@ -98,18 +150,42 @@ BENDING = Format(
             "axis of the deflection, across the beam",
             check=_check_direction,
         ),
-        Key("modes", whole(1, 8), "number of modes", check=_name_modes),
-        Key(
-            "damping_ratio",
-            number(least=0.0),
-            "damping ratio of each mode, below 1",
-            "",
-            0.0,
-            check=_check_ratio,
-        ),
+        *_modes(lambda here: here.values["direction"]),
         Key("stiffness", number(above=0.0), "flexural stiffness EI", "N m^2"),
     ),
     make=Bending,
+)
+TORSION = Format(
+    "torsion about the axis of the beam; the coordinates are twists of the tip",
+    (
+        *_modes(lambda here: "twist"),
+        Key("stiffness", number(above=0.0), "torsional stiffness GJ", "N m^2"),
+        Key("inertia_per_length", number(above=0.0), "polar moment of inertia per length", "kg m"),
+    ),
+    make=Torsion,
+)
+STRETCH = Format(
+    "elongation along the beam",
+    (
+        *_modes(lambda here: "x"),
+        Key("stiffness", number(above=0.0), "axial stiffness EA", "N"),
+    ),
+    make=Stretch,
+)
+BEAM_TIP = Format(
+    "rigid body at the end for which the modes are computed; only their shapes depend on it",
+    (
+        Key("mass", number(least=0.0), "mass", "kg", 0.0),
+        Key(
+            "inertia",
+            vector(3),
+            "moments of inertia about x, y and z",
+            "kg m^2",
+            ZERO,
+            check=_check_tip,
+        ),
+    ),
+    make=BeamTip,
 )
 BEAM = Format(
     "slender elastic link, clamped at the body frame",
@@ -117,6 +193,17 @@ BEAM = Format(
         Key("length", number(above=0.0), "length along the x axis of the body", "m"),
         Key("mass_per_length", number(above=0.0), "mass per length", "kg/m"),
         Key("bending", listed(BENDING), "bending in one direction"),
+        Key("torsion", sub(TORSION), TORSION.doc, default=None),
+        Key("stretch", sub(STRETCH), STRETCH.doc, default=None),
+        Key("tip", sub(BEAM_TIP), BEAM_TIP.doc, default=None),
+        Key(
+            "axial_load",
+            number(),
+            "constant force along the beam, tension > 0: it makes bending stiffer",
+            "N",
+            0.0,
+            check=_check_load,
+        ),
     ),
     make=Beam,
 )

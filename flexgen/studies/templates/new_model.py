@@ -7,8 +7,9 @@ from pathlib import Path
 
 from flexgen.base.errors import ArgumentError
 from flexgen.base.spec.ports import c_name_problem
+from flexgen.studies.templates.link_beam import with_link
 from flexgen.studies.templates.payload_beam import read_beam
-from flexgen.studies.templates.template_names import TEMPLATES
+from flexgen.studies.templates.template_names import FLEXIBLE_LINK, TEMPLATES
 from flexgen.studies.templates.urdf_overlay import Overlay, overlay_of_urdf
 
 
@@ -18,6 +19,7 @@ def new_model(
     urdf: str | None = None,
     folder: str | Path = ".",
     payload: str | None = None,
+    link: str | None = None,
 ) -> str:
     """The text of a new model file.
 
@@ -38,6 +40,10 @@ def new_model(
         Of a URDF file: an elastic beam on the tip of a robot that takes positions, such as
         ``beam:length=0.52,width=0.08,height=0.001,modulus=190e9,density=7870,angle_deg=30``
         (`flexgen.studies.templates.payload_beam`).
+    link : str, optional
+        Of the template ``flexible-link``: its elastic link from a drawing, such as
+        ``beam:length=0.8,width=0.06,height=0.012,modulus=70e9,density=2700``
+        (`flexgen.studies.templates.link_beam`).
 
     Returns
     -------
@@ -50,7 +56,7 @@ def new_model(
         The name is not an identifier; there is no such template; the URDF file has errors that no
         overlay repairs.
     """
-    return new_overlay(name, template, urdf, folder, payload).text
+    return new_overlay(name, template, urdf, folder, payload, link).text
 
 
 def new_overlay(
@@ -59,6 +65,7 @@ def new_overlay(
     urdf: str | None = None,
     folder: str | Path = ".",
     payload: str | None = None,
+    link: str | None = None,
 ) -> Overlay:
     """A new model file, and what was repaired for it; the arguments are those of `new_model`."""
     problem = c_name_problem(name)
@@ -66,6 +73,10 @@ def new_overlay(
         raise ArgumentError(f"name: given {name!r}, expected {problem}")
     if payload is not None and urdf is None:
         raise ArgumentError("payload: given without a URDF file, expected --urdf FILE as well")
+    if link is not None and (urdf is not None or template != FLEXIBLE_LINK):
+        raise ArgumentError(
+            f"link: given for another robot, expected --template {FLEXIBLE_LINK} as well"
+        )
     if urdf is not None:
         beam = None if payload is None else read_beam(payload)
         return overlay_of_urdf(name, urdf, Path(folder), beam)
@@ -74,4 +85,6 @@ def new_overlay(
             f"template: given {template!r}, expected one of {', '.join(TEMPLATES)}"
         )
     text = (files("flexgen.studies.templates") / f"{template}.toml").read_text(encoding="utf-8")
+    if link is not None:
+        text = with_link(text, read_beam(link, "link"))
     return Overlay(f'name = "{name}"\n' + text.partition("\n")[2])

@@ -85,8 +85,10 @@ class Hinge:
     rest_inertia: tuple[float, float, float]
 
 
-def read_beam(text: str) -> Beam:
+def read_beam(text: str, option: str = "payload") -> Beam:
     """The beam of an option: ``beam:length=0.52,width=...``, in SI units and degrees.
+
+    ``option``: its name, for messages.
 
     Raises
     ------
@@ -96,29 +98,29 @@ def read_beam(text: str) -> Beam:
     """
     kind, _, rest = text.partition(":")
     if kind.strip() != KIND:
-        raise ArgumentError(f"payload: given {kind.strip()!r}, expected {EXAMPLE}")
+        raise ArgumentError(f"{option}: given {kind.strip()!r}, expected {EXAMPLE}")
     values: dict[str, Any] = {}
     for part in rest.split(",") if rest.strip() else ():
         key, _, given = (word.strip() for word in part.partition("="))
         if key not in (*NEEDED, *OPTIONAL) or key in values:
             raise ArgumentError(
-                f"payload: given {key!r}, expected each of {', '.join(NEEDED)} [m, Pa, kg/m^3] "
+                f"{option}: given {key!r}, expected each of {', '.join(NEEDED)} [m, Pa, kg/m^3] "
                 f"and at most {', '.join(OPTIONAL)}, once"
             )
-        values[key] = _number(key, given)
+        values[key] = _number(option, key, given)
     missing = [key for key in NEEDED if key not in values]
     if missing:
-        raise ArgumentError(f"payload: given no {', '.join(missing)}, expected {EXAMPLE}")
+        raise ArgumentError(f"{option}: given no {', '.join(missing)}, expected {EXAMPLE}")
     beam = Beam(**values)
     if beam.length < SLENDER * beam.height:
         raise ArgumentError(
-            f"payload: given a beam of {beam.length:g} m that is {beam.height:g} m high, expected "
-            f"at least {SLENDER:g} times as long as high: one that is slender"
+            f"{option}: given a beam of {beam.length:g} m that is {beam.height:g} m high, "
+            f"expected at least {SLENDER:g} times as long as high: one that is slender"
         )
     return beam
 
 
-def _number(key: str, given: str) -> float:
+def _number(option: str, key: str, given: str) -> float:
     """The value of a key, in its range."""
     try:
         value = number_in(given)
@@ -129,7 +131,7 @@ def _number(key: str, given: str) -> float:
     is_inside = low <= value <= high if key in OPTIONAL else low < value <= high
     if not is_inside:
         bounds = f"{low:g} to {high:g}" if key in OPTIONAL else "> 0"
-        raise ArgumentError(f"payload: {key}: given {given!r}, expected a number {bounds}")
+        raise ArgumentError(f"{option}: {key}: given {given!r}, expected a number {bounds}")
     return value
 
 

@@ -1,3 +1,4 @@
 """Names of the templates, each a file ``NAME.toml`` in this folder."""
 
-TEMPLATES = ("planar", "gantry", "scara", "palletizer", "six-axis")
+FLEXIBLE_LINK = "flexible-link"
+TEMPLATES = ("planar", "gantry", "scara", "palletizer", "six-axis", FLEXIBLE_LINK)

@@ -134,7 +134,7 @@ def _drive(coordinate: dict[str, Any]) -> str:
             if elastic
             else "rigid gear"
         )
-    return "beam bending" if spring is None else f"spring, {spring['type']}"
+    return f"beam {coordinate['mode']}" if spring is None else f"spring, {spring['type']}"
 
 
 def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
