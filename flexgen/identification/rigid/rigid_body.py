@@ -9,7 +9,8 @@ consistent: here the pseudo-inertia
     P = [[tr(I)/2 1 - I, h], [h', m]] = L L'
 
 of each body is positive definite by its factor L, and the bodies of the model file are a weak
-prior.
+prior. The payload of the file is a known constant: pi = pi_bodies(L) + pi_payload, and only the
+bodies without it are fitted.
 
 Source: M. Gautier and W. Khalil, IEEE TRA 6(3), 1990 (base parameters); P. Wensing, S. Kim and
 J.-J. Slotine, IEEE RA-L 3(1), 2018 (pseudo-inertia); C. Rucker and P. Wensing, IEEE RA-L 7(2),
@@ -40,7 +41,7 @@ from flexgen.identification.rigid.feasible_motors import is_possible
 from flexgen.identification.rigid.rigid_columns import BLOCK, Columns, band_of
 from flexgen.identification.rigid.rigid_mistakes import Mistake, find_causes
 from flexgen.identification.rigid.rigid_model import rigid_model
-from flexgen.identification.rigid.rigid_regressor import Motion, Regressor
+from flexgen.identification.rigid.rigid_regressor import Motion, Regressor, payload_in
 from flexgen.model.elements import RobotModel
 from flexgen.model.format.format_robot import HARMONICS
 from flexgen.model.reader import read
@@ -72,11 +73,15 @@ class _Numbers(NamedTuple):
 
 
 class _Prior(NamedTuple):
-    """Bodies of the file, their deviations, and those of the lags, which are zero in the file."""
+    """Bodies of the file, their deviations, and those of the lags, which are zero in the file.
+
+    ``pi``: with the payload; ``payload``: what the payload has in it, known.
+    """
 
     pi: np.ndarray
     sd: np.ndarray
     lags_sd: np.ndarray
+    payload: np.ndarray
 
     def information(self, frictions: int) -> np.ndarray:
         """Of the bodies, of so many frictions, which have none, and of the lags."""
@@ -87,18 +92,19 @@ class _Prior(NamedTuple):
 class RigidFit:
     """Result of `identify_rigid`.
 
-    ``model``: with the new bodies, rotors, frictions and counterbalance; ``file``: the model
-    before; ``pi`` (10 bodies,); ``friction`` (n_m, columns): coefficients of each motor, motor
-    side: viscous [N m s/rad of the joint], Coulomb and constant [N m], rotor [N m s^2/rad of the
-    joint], then those of the counterbalance [N m], and, where ``fades`` has one, friction at rest
-    that falls with speed [N m] and a change of its fade; ``sd`` (n_m,) [N m]: deviation of the
-    torques from the model; ``covariance``: of ``pi``, then of ``friction`` row by row, then of
-    ``lags``; ``left_out`` (n_m,): errors on parts of the recordings that were left out of the fit,
-    as `relative_errors`; None: not computed; ``status``: from these; ``lags`` (n_g + 1,):
-    compliances of the gears that the file does not have [rad/(N m) or m/N, arm side], and the
-    delay of the torques [s]; ``fades`` (n_m,) [s/rad or s/m, of the joint]: of friction that falls
-    with speed as sigma / cosh(fade v), 0: none; ``speed`` (n_m,): see `Columns`; ``limit_hz``: all
-    torques are compared below it; ``mistake``: what explains a large part of the errors.
+    ``model``: with the new bodies, rotors, frictions and counterbalance, and the payload of the
+    file; ``file``: the model before; ``pi`` (10 bodies,): with the payload in the last body;
+    ``friction`` (n_m, columns): coefficients of each motor, motor side: viscous [N m s/rad of the
+    joint], Coulomb and constant [N m], rotor [N m s^2/rad of the joint], then those of the
+    counterbalance [N m], and, where ``fades`` has one, friction at rest that falls with speed [N
+    m] and a change of its fade; ``sd`` (n_m,) [N m]: deviation of the torques from the model;
+    ``covariance``: of ``pi``, then of ``friction`` row by row, then of ``lags``; ``left_out``
+    (n_m,): errors on parts of the recordings that were left out of the fit, as `relative_errors`;
+    None: not computed; ``status``: from these; ``lags`` (n_g + 1,): compliances of the gears that
+    the file does not have [rad/(N m) or m/N, arm side], and the delay of the torques [s];
+    ``fades`` (n_m,) [s/rad or s/m, of the joint]: of friction that falls with speed as sigma /
+    cosh(fade v), 0: none; ``speed`` (n_m,): see `Columns`; ``limit_hz``: all torques are compared
+    below it; ``mistake``: what explains a large part of the errors.
     """
 
     model: RobotModel
@@ -200,7 +206,7 @@ def identify_rigid(
     Parameters
     ----------
     model : RobotModel, str or Path
-        Its bodies are the prior, its rotors, gear ratios and springs of gears are kept.
+        Its bodies are the prior, its payload, rotors, gear ratios and springs of gears are kept.
     motions : sequence of Motion
         Of one sample time.
     counterbalance : mapping, optional
@@ -234,7 +240,8 @@ def identify_rigid(
     lags_sd = np.append(
         LARGEST * size / np.maximum(load, 1e-12), max(LATE * flat.period, motions[0].step)
     )
-    weak = _Prior(file, prior * scales(file), lags_sd)
+    carried = payload_in(robot)
+    weak = _Prior(file, prior * scales(file - carried), lags_sd, carried)
     at = _Numbers(file, np.zeros((robot.n_m, flat.F[0].shape[2])), np.zeros(robot.n_g + 1))
     mistake = None
     sd = np.maximum(np.std(np.vstack(flat.below(limit).measured), axis=0), 1e-12)
@@ -273,7 +280,7 @@ def identify_rigid(
         status = FitStatus.of_value(reason)
     return RigidFit(
         model=rigid_model(
-            robot, regressor.bodies(at.pi), extra, at.friction, flat.fades, flat.speed
+            robot, regressor.bodies(at.pi - carried), extra, at.friction, flat.fades, flat.speed
         ),
         file=robot,
         pi=at.pi,
@@ -430,24 +437,25 @@ def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray
     )
     b = b[:n] - N[:n, n:] @ lagged[:, n]
     N = N[:n, :n] - N[:n, n:] @ lagged[:, :n]
-    maps = Feasible(n // 10, units(prior.pi))
+    maps = Feasible(n // 10, units(prior.pi - prior.payload))
     square = sum(float(t @ t) for t in reduced_t)
 
     def cost(x: np.ndarray) -> float:
-        pi = maps.pi(x)
+        pi = maps.pi(x) + prior.payload
         away = (pi - prior.pi) / prior.sd
         return float(square + pi @ N @ pi - 2 * b @ pi + away @ away)
 
     def sums(x: np.ndarray) -> Sums:
-        pi = maps.pi(x)
+        pi = maps.pi(x) + prior.payload
         J = maps.jacobian(x)
         gradient = N @ pi - b + (pi - prior.pi) / prior.sd**2
         return cost(x), J.T @ gradient, J.T @ (N + np.diag(prior.sd**-2.0)) @ J
 
-    x = maps.x(start.pi)
+    x = maps.x(start.pi - prior.payload)
     free = np.full(len(x), np.inf)
     near = Prior.of_sd(x, np.full(len(x), 1e3))
-    pi = maps.pi(minimize(Problem.of_sums(sums, cost, near, (-free, free)), x).x)
+    best = minimize(Problem.of_sums(sums, cost, near, (-free, free)), x)
+    pi = maps.pi(best.x) + prior.payload
     change = lagged[:, n] - lagged[:, :n] @ pi
     rest = target - Y @ pi - Z @ change
     return _Numbers(

@@ -30,7 +30,7 @@ from flexgen.identification.rigid.feasible_bodies import (
 )
 from flexgen.identification.rigid.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.rigid.rigid_mistakes import Mistake
-from flexgen.identification.rigid.rigid_regressor import BODY, Motion
+from flexgen.identification.rigid.rigid_regressor import BODY, Motion, payload_in
 from flexgen.model.elements import RobotModel
 
 STEP = 1e-6  # of differences
@@ -43,6 +43,8 @@ AS_GOOD = 1.05
 # Or where its errors, over the standard deviation of its torque, are below this: friction differs
 # by more between two runs.
 GOOD = 0.01
+# Share of the mass of the last body that a right payload leaves in a fit.
+LEAST_BODY = 0.05
 FRICTION = ("viscous", "coulomb", "beta", "offset")
 FALLING = ("stribeck", "alpha")
 
@@ -212,10 +214,8 @@ def motions_of(data: Description) -> list[Motion]:
 
 
 def rigid_numbers(fit: RigidFit) -> dict[str, float]:
-    """Name -> value of all bodies, rotors and frictions, as the model file has them: see
-    `split_payload`.
-    """
-    model, _ = split_payload(fit)
+    """Name -> value of all bodies, rotors and frictions, as the model file has them."""
+    model = fit.model
     out = {}
     names = [f"{element.name}.{name}" for element in model.elements for name in BODY]
     names += [f"{motor.name}.{name}" for motor in model.motors for name in (*FRICTION, "inertia")]
@@ -228,30 +228,15 @@ def rigid_numbers(fit: RigidFit) -> dict[str, float]:
     return out
 
 
-def split_payload(fit: RigidFit) -> tuple[RobotModel, np.ndarray]:
-    """The model of the fit with the payload of its file, and the numbers of its bodies.
+def leaves_a_body(fit: RigidFit) -> bool:
+    """Whether the payload of the file leaves a last body that can be that of the robot.
 
-    These are mass, first and second moments of each (10 bodies,) [kg, kg m, kg m^2].
-
-    Motions show the last body and the payload together. The payload keeps the numbers of the
-    file, the last body has the difference. Where no body has these numbers, since its
-    pseudo-inertia is not positive definite, the last body has all, and the payload nothing.
+    A payload that is heavier than that of the recordings leaves next to nothing of it.
     """
-    payload = fit.file.payload
-    rest = fit.pi[-10:] - numbers_of(payload)
-    if not payload.mass or not is_body(rest):
-        return fit.model, fit.pi
-    *others, last = fit.model.elements
-    elements = (*others, replace(last, body=body_of(rest)))
-    return (
-        replace(fit.model, elements=elements, payload=payload),
-        np.concatenate([fit.pi[:-10], rest]),
-    )
-
-
-def is_body(row: np.ndarray) -> bool:
-    """Whether a body can have these ten numbers: its pseudo-inertia is positive definite."""
-    return bool(np.linalg.eigvalsh(pseudo_inertia(row))[0] > 0)
+    before = fit.file.elements[-1].body.mass
+    row = fit.pi[-10:] - numbers_of(fit.file.payload)
+    positive = np.linalg.eigvalsh(pseudo_inertia(row))[0] > 0
+    return bool(positive and row[0] >= LEAST_BODY * before)
 
 
 def _balance_places(fit: RigidFit) -> dict[str, tuple[int, int]]:
@@ -276,7 +261,8 @@ def rigid_deviations(fit: RigidFit) -> dict[str, float]:
     """
     if not fit.status.has_deviations:
         return {}
-    model, pi = split_payload(fit)
+    model = fit.model
+    pi = fit.pi - payload_in(fit.file)
     n = len(pi)
     body = fit.covariance[:n, :n]
     out: dict[str, float] = {}
@@ -323,16 +309,16 @@ def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
     Raises
     ------
     ArgumentError
-        The model is not from a ``.toml`` file with ``[[element]]`` tables, or its payload is more
-        than the last body and the payload together that were found.
+        The model is not from a ``.toml`` file with ``[[element]]`` tables, or its payload leaves
+        next to nothing of the last body.
     """
     payload = fit.file.payload
-    if payload.mass and not split_payload(fit)[0].payload.mass:
+    if payload.mass and not leaves_a_body(fit):
+        last = fit.file.elements[-1]
         raise ArgumentError(
-            f"model file: given a payload of {payload.mass:.4g} kg, expected less than the "
-            f"{fit.pi[-10]:.4g} kg of the last body and the payload together that were found, and "
-            "moments that leave some for the body; correct [payload], or remove it: the new file "
-            "then has it in the last body"
+            f"model file: given a payload of {payload.mass:.4g} kg, expected less: of the body "
+            f"{last.name} of {last.body.mass:.4g} kg, {fit.pi[-10] - payload.mass:.4g} kg remain "
+            "in the fit; correct [payload], or remove it: the new file then has it in this body"
         )
     head = (
         "# Bodies: only combinations of these numbers are determined; each body by itself may "

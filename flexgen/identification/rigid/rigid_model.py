@@ -20,12 +20,13 @@ def rigid_model(
     fades: np.ndarray,
     speed: np.ndarray,
 ) -> RobotModel:
-    """The model with what was found; the payload is in the last body.
+    """The model with what was found, and its payload.
 
     Parameters
     ----------
     robot : RobotModel
     bodies : sequence of Body
+        Without the payload.
     counterbalance : mapping
         Name of a joint -> number of harmonics that were fitted.
     friction, fades, speed : arrays (n_m, columns), (n_m,), (n_m,)
@@ -40,9 +41,7 @@ def rigid_model(
         )
         for e, body in zip(robot.elements, bodies, strict=True)
     )
-    return replace(
-        robot, elements=elements, payload=Body(), motors=motors_of(robot, friction, fades, speed)
-    )
+    return replace(robot, elements=elements, motors=motors_of(robot, friction, fades, speed))
 
 
 def motors_of(

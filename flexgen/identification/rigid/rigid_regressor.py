@@ -147,8 +147,7 @@ class Regressor:
     def of_model(self) -> np.ndarray:
         """The numbers of the bodies of the model, payload in the last one, (10 bodies,)."""
         rows = [numbers_of(element.body) for element in self.model.elements]
-        rows[-1] = rows[-1] + numbers_of(self.model.payload)
-        return np.concatenate(rows)
+        return np.concatenate(rows) + payload_in(self.model)
 
     def base_parameters(self, states: int = 500, seed: int = 0) -> int:
         """Number of combinations that any motion can determine: the rank at random states."""
@@ -158,6 +157,13 @@ class Regressor:
         )
         values = np.linalg.svd(Y / np.maximum(np.linalg.norm(Y, axis=0), 1e-300), compute_uv=False)
         return int((values > RANK * values[0]).sum())
+
+
+def payload_in(model: RobotModel) -> np.ndarray:
+    """Numbers that the payload of a model adds to those of its bodies, (10 bodies,)."""
+    rows = np.zeros((len(model.elements), 10))
+    rows[-1] = numbers_of(model.payload)
+    return rows.ravel()
 
 
 def _in_model(pi: ca.SX) -> ca.SX:
