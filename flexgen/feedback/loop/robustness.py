@@ -121,22 +121,24 @@ def _beam(beam: Beam, plant: Plant) -> Beam:
     """A beam that is stiffer and heavier by the factors of ``plant``; the shapes of its modes stay
     those of the model.
     """
-    stiffer = {
-        "bendings": tuple(
-            replace(b, stiffness=b.stiffness * plant.stiffness) for b in beam.bendings
+    bendings = tuple(replace(b, stiffness=b.stiffness * plant.stiffness) for b in beam.bendings)
+    torsion = beam.torsion
+    if torsion is not None:
+        torsion = replace(
+            torsion,
+            stiffness=torsion.stiffness * plant.stiffness,
+            inertia_per_length=torsion.inertia_per_length * plant.mass,
         )
-    }
-    if beam.torsion is not None:
-        stiffer["torsion"] = replace(
-            beam.torsion,
-            stiffness=beam.torsion.stiffness * plant.stiffness,
-            inertia_per_length=beam.torsion.inertia_per_length * plant.mass,
-        )
-    if beam.stretch is not None:
-        stiffer["stretch"] = replace(
-            beam.stretch, stiffness=beam.stretch.stiffness * plant.stiffness
-        )
-    return replace(beam, mass_per_length=beam.mass_per_length * plant.mass, **stiffer)
+    stretch = beam.stretch
+    if stretch is not None:
+        stretch = replace(stretch, stiffness=stretch.stiffness * plant.stiffness)
+    return replace(
+        beam,
+        mass_per_length=beam.mass_per_length * plant.mass,
+        bendings=bendings,
+        torsion=torsion,
+        stretch=stretch,
+    )
 
 
 def _spring(spring: Spring, factor: float) -> Spring:

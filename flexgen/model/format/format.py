@@ -156,7 +156,7 @@ BENDING = Format(
     make=Bending,
 )
 TORSION = Format(
-    "torsion about the axis of the beam; the coordinates are twists of the tip",
+    "torsion about the axis of the beam; the coordinates are rotations of the tip [rad]",
     (
         *_modes(lambda here: "twist"),
         Key("stiffness", number(above=0.0), "torsional stiffness GJ", "N m^2"),
