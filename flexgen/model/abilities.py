@@ -253,6 +253,14 @@ def _find_counterbalances(robot: RobotModel) -> str:
     return _list_names(robot, found, "a counterbalance")
 
 
+def _find_lines(robot: RobotModel) -> str:
+    return _list_names(robot, [line.name for line in robot.lines], "lines between two points")
+
+
+def _find_heavy_lines(robot: RobotModel) -> str:
+    return _list_names(robot, [line.name for line in robot.lines if line.mass], "lines with mass")
+
+
 def _find_drags(robot: RobotModel) -> str:
     found = [element.name for element in robot.elements if element.body.rotational_drag]
     found += ["payload"] if robot.payload.rotational_drag else []
@@ -501,6 +509,29 @@ FEATURES: tuple[Feature, ...] = (
         refused={"symbolic": NOT_IN_TEXT, "export_mujoco": "MuJoCo has no such force"},
         own=("export_mujoco",),
         parts={"batches of moves": "expected none"},
+    ),
+    Feature(
+        "lines",
+        "Springs, gas springs, rods or cables between two points: the tables `[[line]]`.",
+        _find_lines,
+        "none",
+        "remove the tables [[line]]",
+        refused={
+            "feedback_study": NOT_IN_LAWS,
+            "identify_rigid": NOT_FITTED,
+            "calibrate": NOT_IN_STATICS,
+            "symbolic": NOT_IN_TEXT,
+            "export_mujoco": NOT_IN_MUJOCO,
+        },
+        parts={"batches of moves": "expected none", "elastic joints": "expected none"},
+    ),
+    Feature(
+        "lines with mass",
+        "A rod, spring or cable between two points has a mass.",
+        _find_heavy_lines,
+        "none",
+        "set their mass to 0, or add it to the bodies at their ends",
+        parts={"recursion": ""},
     ),
     Feature(
         "drag",

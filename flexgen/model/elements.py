@@ -27,6 +27,7 @@ from flexgen.base.spec.sensors import Sensor
 from flexgen.model.friction import FRICTION_LAWS as FRICTION_LAWS
 from flexgen.model.friction import NO_FRICTION, Friction
 from flexgen.model.friction import friction_key as friction_key
+from flexgen.model.lines import Line
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program, check_name, unknown_move
 
@@ -408,6 +409,7 @@ class RobotModel:
     not_measured: tuple[str, ...] = ()  # names of numbers that a calibration left as they were
     servo: Any = None  # ServoTable of flexgen.model.position_servo.keys
     temperature: Any = 20.0  # [deg C], a number; a symbol where it is a run-time parameter
+    lines: tuple[Line, ...] = ()  # springs, gas springs, rods and cables between two points
     # by the name of the degree of freedom; no part of the data of the robot
     urdf_joints: Mapping[str, UrdfJoint] = field(default_factory=dict, compare=False, repr=False)
     # of `flexgen.read`: what the file and the variant do not have; for new model files
@@ -421,8 +423,14 @@ class RobotModel:
         if self.variant:
             check_name("model.variant", self.variant)
         dofs = tuple(dof for element in self.elements for dof in element.dofs)
-        named: tuple[Sequence[Any], ...] = (self.elements, dofs, self.motors, self.sensors)
-        for kind, group in zip(("element", "coordinate", "motor", "sensor"), named, strict=True):
+        named: dict[str, Sequence[Any]] = {
+            "element": self.elements,
+            "coordinate": dofs,
+            "motor": self.motors,
+            "sensor": self.sensors,
+            "line": self.lines,
+        }
+        for kind, group in named.items():
             for one in group:
                 check_name(f"{kind}.name", one.name)
 

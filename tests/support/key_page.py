@@ -28,6 +28,7 @@ from flexgen.model.format.format import (
     VARIANT,
 )
 from flexgen.model.format.format_devices import MOTOR, SENSOR
+from flexgen.model.format.format_lines import ANCHOR, LINE
 from flexgen.model.format.format_programs import PROGRAM, STEP
 from flexgen.model.format.format_robot import (
     BODY,
@@ -75,6 +76,8 @@ TABLES: dict[str, Form] = {
     "`[base]`, `origin`, `link`": PLACEMENT,
     "`[tool]`": TOOL,
     "`[[motor]]`": MOTOR,
+    "`[[line]]`": LINE,
+    "`from`, `to` of a line": ANCHOR,
     "`[[sensor]]`": SENSOR,
     "`[uncertainty]`": UNCERTAINTY,
     "`[servo]`": SERVO_TABLE,

@@ -123,7 +123,7 @@ common = ["masses"]
 parameters = ["q0.stiffness", "m0.inertia"]
 sd = [0.02, 0.04]
 correlation = [1, 0.3, 0.3, 1]
-[[program]]
+{lines}[[program]]
 name = "tour"
 start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
 profile = [0.5, 5, 50]
@@ -138,6 +138,13 @@ description = "x"
 set = {{ "payload.mass" = 2 }}
 remove = ["base"]
 """
+LINES = [
+    'type = "spring"\nstiffness = 1e3\nlength = 0\npreload = 5',
+    'type = "rod"\nstiffness = 1e6\nlength = 1.01',
+    'type = "cable"\nstiffness = 1e4\nlength = 1\nsmoothing = 1e-3\npreload = 5',
+    'type = "gas_spring"\narea = 1e-3\npressure = 1e7\nvolume = 1e-3\nexponent = 1.4\n'
+    'length = 1.1\nstroke = 0.4\nambient_pressure = 1e5\nacts = "push"',
+]
 SPRINGS = [
     '{ type = "linear", stiffness = 1e5 }',
     '{ type = "cubic", stiffness = 1e5, cubic = 0.0 }',
@@ -210,7 +217,13 @@ def everything(folder: Path) -> Path:
             "damping = 0.01 }\n"
         )
     path = folder / "everything.toml"
-    path.write_text(EVERYTHING.format(elements=text))
+    lines = "".join(
+        f'[[line]]\nname = "line{k}"\nfrom = {{ element = "base", position = [0, 0, 2] }}\n'
+        f'to = {{ element = "e0", position = [0, 0, 1] }}\n{kind}\nmass = 1\ndamping = 2\n'
+        "length_min = 0.5\nlength_max = 2\n"
+        for k, kind in enumerate(LINES)
+    )
+    path.write_text(EVERYTHING.format(elements=text, lines=lines))
     return path
 
 

@@ -38,6 +38,20 @@ bending = [{ direction = "z", stiffness = 1e5, modes = 1, damping_ratio = 0.02 }
 BRANCH = (
     '\n[[element]]\nname = "weight"\nparent = "upper"\nbody = { mass = 10.0, com = [0, 0, 0.2] }\n'
 )
+# A gas spring from the base to the upper arm of elbow, and its forearm.
+GAS = {
+    "name": "balancer",
+    "type": "gas_spring",
+    "from": {"element": "base", "position": [-0.4, 0.0, -0.1]},
+    "to": {"element": "upper", "position": [0.0, 0.0, 0.5]},
+    "acts": "pull",
+    "area": 1e-3,
+    "pressure": 6e6,
+    "volume": 4e-3,
+    "exponent": 1.4,
+    "length": 0.3,
+    "stroke": 0.9,
+}
 JOINTS = {
     "name": "joints",
     "type": "joint",
@@ -83,6 +97,8 @@ CHANGES: dict[str, dict[str, Any] | str] = {
     "mechanism": BENT + "mimic = { q2 = -1.0 }\n",
     "branches": BRANCH,
     "counterbalance": {"element.upper.dof.q1.counterbalance": {"sin": [1000.0]}},
+    "lines": {"line": [GAS]},
+    "lines with mass": {"line": [GAS | {"mass": 8.0}]},
     "drag": {"element.fore.body.rotational_drag": 10.0},
     "kinked spring": {
         f"{GEAR_1}.spring": {"type": "piecewise", "low": 4e6, "high": STIFFNESS, "break_at": 1e-4}

@@ -49,6 +49,7 @@ NEWER = (
     "Program.laws",
     "RobotModel.servo",
     "RobotModel.temperature",
+    "RobotModel.lines",
     "Sensor.moment_noise",
     "Sensor.gauge",
     "Sensor.offset",

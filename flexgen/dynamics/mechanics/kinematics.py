@@ -12,6 +12,7 @@ Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 2-4.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ from flexgen.model.elements import Body, Element, Matrix, Placement, RobotModel
 
 if TYPE_CHECKING:
     from flexgen.dynamics.mechanics.beam import ModalBeam
+    from flexgen.dynamics.mechanics.lines import LineMotion
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ class Kinematics:
     ``drag``: half the power that body drags dissipate [W]. ``spin``: angular velocity (3) of each
     element's body in its own axes, for the rotors that it carries. ``modal``: the integrals of
     each beam with the index of its first coordinate in q_a. ``points``: positions in the world of
-    the `corners`, for drawing. ``frames``: the frame of each element's body.
+    the `corners`, for drawing. ``frames``: the frame of each element's body. ``lines``: motions of
+    the lines between two points, whose masses are part of ``kinetic`` and ``gravity``.
     """
 
     q_a: ca.SX
@@ -57,6 +60,7 @@ class Kinematics:
     modal: tuple[tuple[int, ModalBeam], ...]
     points: tuple[ca.SX, ...]
     frames: dict[str, Frame]
+    lines: tuple[LineMotion, ...]
 
 
 def cross_matrix(a: ca.SX) -> ca.SX:
@@ -305,15 +309,33 @@ def kinematics(model: RobotModel) -> Kinematics:
     terms = body_energies(tips[model.tip], model.payload, gravity)
     tool = place(tips[model.tip], model.tool)
     points["", 0] = tool.p
+    kinetic = kinetic + terms[0]
+    potential = potential + terms[1]
+    lines = _lines(model, {"base": tips["base"], **frames}, gravity)
+    for line in lines:
+        kinetic = kinetic + line.kinetic
+        potential = potential + line.gravity
     return Kinematics(
         q_a=q_a,
         v_a=v_a,
         tool=tool,
-        kinetic=kinetic + terms[0],
-        gravity=potential + terms[1],
+        kinetic=kinetic,
+        gravity=potential,
         drag=drag + terms[2],
         spin=spin,
         modal=tuple(modal),
         points=tuple(points[corner] for corner in corners(model)),
         frames=frames,
+        lines=lines,
     )
+
+
+def _lines(
+    model: RobotModel, frames: Mapping[str, Frame], gravity: ca.SX
+) -> tuple[LineMotion, ...]:
+    """Motions of the lines of a model between bodies with these ``frames``."""
+    if not model.lines:
+        return ()
+    from flexgen.dynamics.mechanics.lines import line_motion
+
+    return tuple(line_motion(line, frames, gravity) for line in model.lines)

@@ -44,7 +44,8 @@ class Lagrangian:
     [W]. ``tau_g`` (n_g): torque of the elastic gears on the arm side; ``tau_e`` (n_e): torque of
     the non-actuated elements; ``tau_gm`` (n_m): torques of the gears on the motor side;
     ``momentum_m`` (n_m): axial momentum of the rotors for the motor velocities v_m [N m s];
-    ``arm_forces`` (n_a): joint frictions, body drags and forces on the tool, as they act.
+    ``arm_forces`` (n_a): joint frictions, body drags, tensions of lines and forces on the tool, as
+    they act.
     """
 
     model: RobotModel
@@ -130,6 +131,10 @@ def lagrangian(model: RobotModel, force: ca.SX | None = None) -> Lagrangian:
     drag = ca.gradient(chain.drag, v_a)
     lost = joints.lost + ca.dot(drag, v_a)
     arm_forces = ca.vertcat(*joints.on_arm) - drag
+    if chain.lines:
+        arm_forces = arm_forces + line_forces(chain)
+        joints.stored = joints.stored + sum(line.energy for line in chain.lines)
+        lost = lost + sum(line.damping_force * line.rate for line in chain.lines)
     if force is not None:  # J' f from its power, which the robot receives
         power = ca.dot(
             force, ca.vertcat(*(ca.mtimes(chain.tool.R, x) for x in (chain.tool.v, chain.tool.w)))
@@ -177,6 +182,14 @@ def lagrangian(model: RobotModel, force: ca.SX | None = None) -> Lagrangian:
         momentum_m=momentum_m,
         arm_forces=arm_forces,
     )
+
+
+def line_forces(chain: Kinematics) -> ca.SX:
+    """Forces of the lines' tensions on the coordinates (n_a), ``-(dl/dq)' F``."""
+    rates = ca.vertcat(*[line.rate for line in chain.lines])
+    tensions = ca.vertcat(*[line.tension for line in chain.lines])
+    # the derivatives of the rates in the velocities are those of the lengths in the coordinates
+    return -ca.jtimes(rates, chain.v_a, tensions, True)
 
 
 def _rotor_energies(

@@ -23,6 +23,8 @@ q1.lost_motion       of a gear with hysteresis; ``lost_motion``: of all;
                      ``q1.hysteresis_stiffness`` by its own name; of several elements
                      ``q1.lost_motion_1``, ``q1.hysteresis_stiffness_1`` ...
 m1.lugre_coulomb     and other numbers of the table ``lugre`` of a motor; ``lugre_coulomb``: of all
+rod.stiffness, ...   a number of a line: ``.damping``, ``.mass``, ``.length``, ``.preload``,
+                     ``.pressure``, ``.volume``, ``.area``, ``.exponent``
 arm1.mass, ...       mass, ``com_x`` .. and ``inertia_xx``, ``inertia_xy`` .. of a body; only by
                      their own names
 ==================== ==============================================================================
@@ -45,6 +47,7 @@ from flexgen.base.spec.fourier import FourierSum
 from flexgen.base.spec.parts import GearFriction
 from flexgen.model.abilities import obstacle
 from flexgen.model.elements import Body, Dof, Friction, Gear, Motor, RobotModel, Spring
+from flexgen.model.lines import Line
 
 if TYPE_CHECKING:
     from flexgen.base.spec.memory import HysteresisLaw
@@ -230,6 +233,7 @@ def _walk(model: RobotModel, visit: Visit) -> RobotModel:
         for element in model.elements
     )
     motors = tuple(_motor(motor, visit) for motor in model.motors)
+    lines = tuple(_line(line, visit) for line in model.lines)
     warm = model.temperature
     if any(isinstance(motor.friction, GearFriction) for motor in model.motors):
         warm = visit(
@@ -242,6 +246,7 @@ def _walk(model: RobotModel, visit: Visit) -> RobotModel:
         motors=motors,
         payload=_payload(model.payload, visit),
         temperature=warm,
+        lines=lines,
     )
 
 
@@ -446,6 +451,41 @@ def _motor(motor: Motor, visit: Visit) -> Motor:
         }
         lugre = replace(lugre, **{k: visit(each, f"lugre_{k}") for k, each in given.items()})
     return replace(motor, inertia=inertia, friction=friction, lugre=lugre, **sums)
+
+
+# Numbers of lines that may be parameters, with their units and bounds.
+_LINE_NUMBERS = {
+    "stiffness": ("N/m", "> 0"),
+    "length": ("m", NOT_NEGATIVE),
+    "preload": ("N", ""),
+    "area": ("m^2", "> 0"),
+    "pressure": ("Pa", "> 0"),
+    "volume": ("m^3", "> 0"),
+    "exponent": ("1", "> 0"),
+}
+
+
+def _line(line: Line, visit: Visit) -> Line:
+    """The line with its numbers replaced by what the visitor returns: stiffness and damping in the
+    groups of springs, the others by their own names only.
+    """
+    key = f"line.{line.name}"
+    doc = f"line {line.name}"
+    mass = visit(Parameter(f"{line.name}.mass", line.mass, "kg", doc, f"{key}.mass", inertia=True))
+    changes = {
+        "mass": mass,
+        "damping": _damping(line.damping, line.name, doc, _linear, key, visit),
+    }
+    for one in fields(line):
+        if one.name in _LINE_NUMBERS:
+            unit, bound = _LINE_NUMBERS[one.name]
+            value = getattr(line, one.name)
+            number = Parameter(
+                f"{line.name}.{one.name}", value, unit, doc, f"{key}.{one.name}", bound=bound
+            )
+            groups = ("stiffness",) if one.name == "stiffness" else ()
+            changes[one.name] = visit(number, *groups)
+    return replace(line, **changes)
 
 
 def _fourier_sum(

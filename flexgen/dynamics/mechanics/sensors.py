@@ -22,9 +22,10 @@ import numpy as np
 from flexgen.base.errors import ArgumentError
 from flexgen.base.spec.sensors import TOOL, Sensor
 from flexgen.dynamics.mechanics.kinematics import Frame, kinematics, place
-from flexgen.dynamics.mechanics.lagrangian import equations_of
+from flexgen.dynamics.mechanics.lagrangian import equations_of, line_forces
 from flexgen.dynamics.mechanics.system import System
 from flexgen.model.elements import Body, Dof, Element, Placement, RobotModel, Tool
+from flexgen.model.lines import Anchor
 
 CUT = "sensor_cut"  # element of a motion behind a sensor
 MOTIONS = [f"{CUT}_{kind}_{k}" for kind in ("translation", "rotation") for k in range(3)]
@@ -87,6 +88,8 @@ def _wrench(system: System, sensor: Sensor) -> ca.SX:
     left = equations_of(chain.kinetic, chain.gravity, chain.q_a, chain.v_a, a) + ca.gradient(
         chain.drag, chain.v_a
     )
+    if chain.lines:
+        left -= line_forces(chain)
     if system.force is not None:
         velocity = ca.vertcat(*(ca.mtimes(chain.tool.R, x) for x in (chain.tool.v, chain.tool.w)))
         left -= ca.gradient(ca.dot(system.force, velocity), chain.v_a)
@@ -130,6 +133,16 @@ def _cut_behind(model: RobotModel, sensor: Sensor) -> RobotModel:
         else:
             elements += (element,)
     tip = CUT if model.tip == own else model.tip
-    return replace(
-        model, elements=elements, tool=Tool(model.tool.position, model.tool.rotation, tip)
-    )
+    lines = model.lines
+    if sensor.place != TOOL:
+        lines = tuple(
+            replace(line, start=_behind(line.start, own), end=_behind(line.end, own))
+            for line in lines
+        )
+    tool = Tool(model.tool.position, model.tool.rotation, tip)
+    return replace(model, elements=elements, tool=tool, lines=lines)
+
+
+def _behind(anchor: Anchor, own: str) -> Anchor:
+    """The end of a line behind the cut, where it is fixed to the body of the sensor's element."""
+    return replace(anchor, element=CUT) if anchor.element == own else anchor

@@ -13,7 +13,9 @@ from flexgen.base.spec.schema import write
 from flexgen.base.spec.sensors import TOOL, Sensor
 from flexgen.model.elements import RobotModel
 from flexgen.model.format.format_devices import SENSOR
+from flexgen.model.format.format_lines import LINE
 from flexgen.model.format.format_tasks import OUTPUT
+from flexgen.model.lines import Anchor, Line
 
 
 def beam_or_drag(model: RobotModel) -> None:
@@ -51,3 +53,14 @@ def sensor_table(sensor: Sensor, shifts: Mapping[str, np.ndarray]) -> dict[str, 
         shifts.get(sensor.place, np.zeros(3)) if sensor.place != TOOL else 0.0
     )
     return write(SENSOR, replace(sensor, position=tuple(position.tolist())))
+
+
+def line_table(line: Line, shifts: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """A line; ``shifts``: position of the body frame of each element in the frame of its link."""
+
+    def moved(anchor: Anchor) -> Anchor:
+        """An end in the frame of its link."""
+        position = np.array(anchor.position) + shifts.get(anchor.element, np.zeros(3))
+        return replace(anchor, position=tuple(position.tolist()))
+
+    return write(LINE, replace(line, start=moved(line.start), end=moved(line.end)))

@@ -33,7 +33,12 @@ from flexgen.base.spec.toml_text import toml
 from flexgen.base.version import __version__
 from flexgen.exports.exported import Exported, exported
 from flexgen.exports.poses import roll_pitch_yaw, rotation_about
-from flexgen.exports.urdf.overlay_tables import beam_or_drag, output_table, sensor_table
+from flexgen.exports.urdf.overlay_tables import (
+    beam_or_drag,
+    line_table,
+    output_table,
+    sensor_table,
+)
 from flexgen.exports.xml_text import add, document
 from flexgen.model.elements import Body, Dof, Element, RobotModel, UrdfJoint
 from flexgen.model.format.format import MODEL, UNCERTAINTY
@@ -94,8 +99,8 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
     The URDF file is the rigid robot, for other programs: links, joints, inertias, limits,
     frictions. Elastic degrees of freedom of elements with a motor joint are rigid in it; those of
     other elements are joints. The overlay, with the ending ``.toml``, adds gears, motors, springs,
-    moves, sensors, temperature, servo and uncertainty: `flexgen.read` of the overlay gives the
-    same equations. An axis that a mechanism moves by one joint has `<mimic>`; one that follows
+    lines, moves, sensors, temperature, servo and uncertainty: `flexgen.read` of the overlay gives
+    the same equations. An axis that a mechanism moves by one joint has `<mimic>`; one that follows
     several joints, or an elastic one that is rigid, is free in the URDF file. Joints of the URDF
     file have the names of the coordinates, links those of the elements. The files that the robot
     was read from are never replaced, nor is an overlay that flexgen did not write.
@@ -115,9 +120,9 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
     Raises
     ------
     ModelError
-        An overlay cannot contain a part of the robot: a beam, a drag on a body, a sensor or motor
-        on an element that does not move relative to the one before, a coordinate that moves no
-        mass.
+        An overlay cannot contain a part of the robot: a beam, a drag on a body, a sensor, motor or
+        line on an element that does not move relative to the one before, a coordinate that moves
+        no mass.
     ArgumentError
         There is no such model, its moves were changed in Python, or a file cannot be written or
         must not be replaced.
@@ -464,6 +469,7 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
         if (value := getattr(model, key)) is not None
     }
     kept = {*(c.name for c in model.coordinates), *(sensor.name for sensor in model.sensors)}
+    kept |= {line.name for line in model.lines}
     kept |= {step.link for step in steps} | {"payload"}
     data["not_measured"] = [x for x in model.not_measured if x.partition(".")[0] in kept]
     if model.payload.mass:
@@ -511,11 +517,13 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
     for kind, tables in (
         ("motor", [write(MOTOR, motor) for motor in model.motors]),
         ("sensor", [sensor_table(sensor, shifts) for sensor in model.sensors]),
+        ("line", [line_table(line, shifts) for line in model.lines]),
         *_tasks(model, folder).items(),
     ):
         for table in tables:
-            place = table.get("carrier", table.get("element"))
-            if place in fixed:
+            owners = (table["from"], table["to"]) if kind == "line" else (table,)
+            places = [end.get("carrier", end.get("element")) for end in owners]
+            for place in (one for one in places if one in fixed):
                 given = (
                     f"{table['name']} on {place}, which does not move relative to the element "
                     "before"

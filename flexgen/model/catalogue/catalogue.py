@@ -23,6 +23,7 @@ from flexgen.model.elements import (
     RobotModel,
     kind_of_mode,
 )
+from flexgen.model.format.format_lines import LINE
 from flexgen.model.format.format_robot import (
     COGGING,
     ENCODER_ERROR,
@@ -173,6 +174,7 @@ def describe(
             )
             for sensor in robot.sensors
         ],
+        **({"lines": [write(LINE, line) for line in robot.lines]} if robot.lines else {}),
         "output": {
             **_fields(robot.output, "type", "size"),
             "axes": robot.output.axes

@@ -47,6 +47,7 @@ from flexgen.model.elements import (
     Tool,
     Vector,
 )
+from flexgen.model.format import format_lines
 from flexgen.model.format import format_robot as robot
 from flexgen.model.format.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format.format_programs import PROGRAM
@@ -271,14 +272,15 @@ def _check_elements(table: Table, here: Context) -> None:
 def _check_not_measured(table: Table, here: Context) -> None:
     """Raise an error for a name that is of no element, coordinate, sensor, or the payload."""
     sensors = (sensor.name for sensor in here.values.get("sensor", ()))
-    owners = {*here.names["element"], *here.names["coordinate"], *sensors, "payload"}
+    lines = here.names["line"]
+    owners = {*here.names["element"], *here.names["coordinate"], *sensors, *lines, "payload"}
     for one in here.values["not_measured"]:
         owner, dot, number_name = one.partition(".")
         if owner not in owners or not dot or not number_name:
             raise table.fail(
                 "not_measured",
-                "names such as q1.stiffness: that of an element, a coordinate, a sensor or "
-                "payload, a dot, and the number",
+                "names such as q1.stiffness: that of an element, a coordinate, a sensor, a line "
+                "or payload, a dot, and the number",
                 show(one),
             )
 
@@ -401,6 +403,13 @@ MODEL = Format(
         ),
         joint_position("home", "home position"),
         Key("sensor", listed(SENSOR, most=MOST), _SENSORS, default=(), note="sensors"),
+        Key(
+            "line",
+            listed(format_lines.LINE, least=0, most=format_lines.MOST),
+            "springs, gas springs, rods and cables between two points",
+            default=(),
+            note="lines",
+        ),
         Key("program", listed(PROGRAM, least=0), "sequences of steps", default=()),
         Key("uncertainty", sub(UNCERTAINTY), UNCERTAINTY.doc, default=None),
         Key("not_measured", words(0), _FROM_FILE, default=(), check=_check_not_measured),
@@ -539,6 +548,12 @@ def model_schema() -> Schema:
         {"required": needed, "not": {"required": ["urdf"]}},
         {"required": ["urdf"]},
     ]
-    every = (*vars(robot).values(), robot.friction(), robot.hysteresis(), robot.lugre())
+    every = (
+        *vars(robot).values(),
+        *vars(format_lines).values(),
+        robot.friction(),
+        robot.hysteresis(),
+        robot.lugre(),
+    )
     forms = [form for form in every if getattr(form, "definition", "")]
     return root | {"definitions": {form.definition: table_schema(form) for form in forms}}
