@@ -27,11 +27,11 @@ from flexgen.base.spec.sensors import Sensor
 from flexgen.model.friction import FRICTION_LAWS as FRICTION_LAWS
 from flexgen.model.friction import NO_FRICTION, Friction
 from flexgen.model.friction import friction_key as friction_key
-from flexgen.model.lines import Line
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program, check_name, unknown_move
 
 if TYPE_CHECKING:
+    from flexgen.base.spec.lines import Line
     from flexgen.base.spec.memory import HysteresisLaw, LuGre
 
 Vector = tuple[float, ...]

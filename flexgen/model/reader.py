@@ -24,7 +24,6 @@ from flexgen.base.spec.tables import Table, closest, parse_file, part_of, show
 from flexgen.base.spec.toml_lines import Entry
 from flexgen.model.elements import RobotModel, UrdfJoint
 from flexgen.model.format.format import MODEL, VARIANT
-from flexgen.model.line_checks import check_lines
 from flexgen.model.urdf.urdf_source import from_here, plain_urdf
 
 
@@ -287,7 +286,10 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
     robot = RobotModel(
         **found, variant=variant, variants=variants, file=root.file, text=_canonical(root)
     )
-    check_lines(root, robot)
+    if robot.lines:
+        from flexgen.model.format.line_checks import check_lines
+
+        check_lines(root, robot)
     if robot.uncertainty is not None and robot.uncertainty.parameters:
         known = find_function("RobotModel.numbers")(robot)
         for name in robot.uncertainty.parameters:

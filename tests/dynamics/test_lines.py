@@ -16,7 +16,7 @@ from flexgen.codegen.recursion.functions import fast_function
 from flexgen.dynamics.mechanics import lagrangian
 from flexgen.dynamics.mechanics.lines import elastic_tension, stored_energy
 from flexgen.exports.urdf.urdf import export_urdf
-from flexgen.model.line_checks import body_poses, line_lengths
+from flexgen.model.format.line_checks import body_poses, line_lengths
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 

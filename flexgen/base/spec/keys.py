@@ -498,14 +498,16 @@ def one_or_more(form: Form | Callable[[], Form], most: int) -> Type:
     return Type(read_tables, {}, form=form, most=most)
 
 
-def listed(form: Form, least: int = 1, most: int = 0, plural: bool = True) -> Type:
+def listed(
+    form: Form | Callable[[], Form], least: int = 1, most: int = 0, plural: bool = True
+) -> Type:
     """Type of a key that holds a list of tables of one form, such as ``[[motor]]``.
 
     It reads them as a tuple of objects, in the order of the file.
 
     Parameters
     ----------
-    form : Form
+    form : Form, or a function that gives it
         Keys of each table.
     least : int
         1: an empty or missing list is an error; 0: it is read as an empty tuple. The reader
@@ -529,7 +531,7 @@ def listed(form: Form, least: int = 1, most: int = 0, plural: bool = True) -> Ty
             # rules of an entry may depend on the earlier ones, and on whether it is the last one
             is_last = k + 1 == len(tables)
             context = replace(here, before=objects, last=is_last, outer=table)
-            objects.append(read(inner, form, context))
+            objects.append(read(inner, form() if callable(form) else form, context))
         return tuple(objects)
 
     limits = {"minItems": least} | ({"maxItems": most} if most else {})

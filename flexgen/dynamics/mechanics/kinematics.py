@@ -333,9 +333,20 @@ def kinematics(model: RobotModel) -> Kinematics:
 def _lines(
     model: RobotModel, frames: Mapping[str, Frame], gravity: ca.SX
 ) -> tuple[LineMotion, ...]:
-    """Motions of the lines of a model between bodies with these ``frames``."""
+    """Motions of the lines of a model between bodies with these ``frames``, by the name of the
+    element; that of the base by ``"base"``.
+    """
     if not model.lines:
         return ()
     from flexgen.dynamics.mechanics.lines import line_motion
 
-    return tuple(line_motion(line, frames, gravity) for line in model.lines)
+    motions = []
+    for line in model.lines:
+        ends = [
+            place(frames[anchor.element], Placement(anchor.position))
+            for anchor in (line.start, line.end)
+        ]
+        points = ca.horzcat(*[end.p for end in ends])
+        velocities = ca.horzcat(*[ca.mtimes(end.R, end.v) for end in ends])
+        motions.append(line_motion(line, points, velocities, gravity))
+    return tuple(motions)

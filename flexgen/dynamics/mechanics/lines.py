@@ -4,23 +4,18 @@
     T = m/6 (v1.v1 + v1.v2 + v2.v2),    V_g = -m g.(p1 + p2)/2
     forces on the coordinates  -(dl/dq)' F(l, l'),    F: the tension
 
-The laws of the tension: `flexgen.model.lines`.
+The laws of the tension: `flexgen.base.spec.lines`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
 from flexgen.base.spec.arguments import is_number
-from flexgen.model.elements import Placement
-from flexgen.model.lines import CableLine, GasSpringLine, Line, RodLine, SpringLine
-
-if TYPE_CHECKING:
-    from flexgen.dynamics.mechanics.kinematics import Frame
+from flexgen.base.spec.lines import CableLine, GasSpringLine, Line, RodLine, SpringLine
 
 
 @dataclass(frozen=True)
@@ -52,28 +47,22 @@ class LineMotion:
         return stored_energy(self.line, self.length)
 
 
-def line_motion(line: Line, frames: Mapping[str, Frame], gravity: ca.SX) -> LineMotion:
-    """The motion of a line between bodies with these ``frames``, by the name of the element; that
-    of the base by ``"base"``. ``gravity`` (3) [m/s^2].
+def line_motion(line: Line, points: ca.SX, velocities: ca.SX, gravity: ca.SX) -> LineMotion:
+    """The motion of a line from the ``points`` (3, 2) [m] at its ends and their ``velocities``
+    (3, 2) [m/s], in the world. ``gravity`` (3) [m/s^2].
     """
-    from flexgen.dynamics.mechanics.kinematics import place
-
-    ends = [
-        place(frames[anchor.element], Placement(tuple(anchor.position)))
-        for anchor in (line.start, line.end)
-    ]
-    first, second = (end.p for end in ends)
+    first, second = ca.horzsplit(points)
+    v1, v2 = ca.horzsplit(velocities)
     way = second - first
-    v1, v2 = (ca.mtimes(end.R, end.v) for end in ends)
     length = ca.sqrt(ca.dot(way, way))
     kinetic = gravitational = ca.SX(0)
     if not (is_number(line.mass) and line.mass == 0.0):
-        squares = sum(ca.dot(end.v, end.v) for end in ends)
-        kinetic = line.mass / 6 * (squares + ca.dot(v1, v2))
+        squares = ca.dot(v1, v1) + ca.dot(v1, v2) + ca.dot(v2, v2)
+        kinetic = line.mass / 6 * squares
         gravitational = -line.mass / 2 * ca.dot(gravity, first + second)
     return LineMotion(
         line=line,
-        points=ca.horzcat(first, second),
+        points=points,
         length=length,
         rate=ca.dot(way, v2 - v1) / length,
         kinetic=kinetic,

@@ -47,9 +47,9 @@ from flexgen.base.spec.fourier import FourierSum
 from flexgen.base.spec.parts import GearFriction
 from flexgen.model.abilities import obstacle
 from flexgen.model.elements import Body, Dof, Friction, Gear, Motor, RobotModel, Spring
-from flexgen.model.lines import Line
 
 if TYPE_CHECKING:
+    from flexgen.base.spec.lines import Line
     from flexgen.base.spec.memory import HysteresisLaw
 
 NOT_NEGATIVE = ">= 0"

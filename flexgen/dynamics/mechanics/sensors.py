@@ -20,12 +20,12 @@ import casadi as ca
 import numpy as np
 
 from flexgen.base.errors import ArgumentError
+from flexgen.base.spec.lines import Anchor
 from flexgen.base.spec.sensors import TOOL, Sensor
 from flexgen.dynamics.mechanics.kinematics import Frame, kinematics, place
 from flexgen.dynamics.mechanics.lagrangian import equations_of, line_forces
 from flexgen.dynamics.mechanics.system import System
 from flexgen.model.elements import Body, Dof, Element, Placement, RobotModel, Tool
-from flexgen.model.lines import Anchor
 
 CUT = "sensor_cut"  # element of a motion behind a sensor
 MOTIONS = [f"{CUT}_{kind}_{k}" for kind in ("translation", "rotation") for k in range(3)]

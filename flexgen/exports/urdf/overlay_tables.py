@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from flexgen.base.errors import ModelError
+from flexgen.base.spec.lines import Anchor, Line
 from flexgen.base.spec.schema import write
 from flexgen.base.spec.sensors import TOOL, Sensor
 from flexgen.model.elements import RobotModel
 from flexgen.model.format.format_devices import SENSOR
 from flexgen.model.format.format_lines import LINE
 from flexgen.model.format.format_tasks import OUTPUT
-from flexgen.model.lines import Anchor, Line
 
 
 def beam_or_drag(model: RobotModel) -> None:
@@ -58,9 +58,9 @@ def sensor_table(sensor: Sensor, shifts: Mapping[str, np.ndarray]) -> dict[str, 
 def line_table(line: Line, shifts: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """A line; ``shifts``: position of the body frame of each element in the frame of its link."""
 
-    def moved(anchor: Anchor) -> Anchor:
+    def in_link(anchor: Anchor) -> Anchor:
         """An end in the frame of its link."""
         position = np.array(anchor.position) + shifts.get(anchor.element, np.zeros(3))
         return replace(anchor, position=tuple(position.tolist()))
 
-    return write(LINE, replace(line, start=moved(line.start), end=moved(line.end)))
+    return write(LINE, replace(line, start=in_link(line.start), end=in_link(line.end)))

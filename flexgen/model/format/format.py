@@ -14,6 +14,7 @@ from flexgen.base.registry import import_object
 from flexgen.base.spec.keys import (
     Check,
     Context,
+    Form,
     Format,
     Key,
     Schema,
@@ -47,7 +48,6 @@ from flexgen.model.elements import (
     Tool,
     Vector,
 )
-from flexgen.model.format import format_lines
 from flexgen.model.format import format_robot as robot
 from flexgen.model.format.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format.format_programs import PROGRAM
@@ -369,6 +369,15 @@ _LOAD = (
 _WARM = 'temperature of motors and gears, on which friction of type = "gear" depends'
 _FROM_FILE = "numbers that a calibration did not determine, such as q1.stiffness"
 _SENSORS = "sensors in addition to the motor encoders"
+LINES = 64  # of a robot
+
+
+def _line() -> Form:
+    """The table of a line, which few robots have."""
+    form: Form = import_object("flexgen.model.format.format_lines:LINE")
+    return form
+
+
 MODEL = Format(
     "robot model of flexgen",  # keys in the order of reading
     (
@@ -405,7 +414,7 @@ MODEL = Format(
         Key("sensor", listed(SENSOR, most=MOST), _SENSORS, default=(), note="sensors"),
         Key(
             "line",
-            listed(format_lines.LINE, least=0, most=format_lines.MOST),
+            listed(_line, least=0, most=LINES),
             "springs, gas springs, rods and cables between two points",
             default=(),
             note="lines",
@@ -548,6 +557,8 @@ def model_schema() -> Schema:
         {"required": needed, "not": {"required": ["urdf"]}},
         {"required": ["urdf"]},
     ]
+    from flexgen.model.format import format_lines
+
     every = (
         *vars(robot).values(),
         *vars(format_lines).values(),

@@ -18,9 +18,7 @@ from flexgen.base.spec.keys import (
     sub,
     vector,
 )
-from flexgen.base.spec.tables import Table
-from flexgen.model.elements import ZERO
-from flexgen.model.lines import (
+from flexgen.base.spec.lines import (
     ATMOSPHERE,
     Anchor,
     CableLine,
@@ -29,8 +27,8 @@ from flexgen.model.lines import (
     RodLine,
     SpringLine,
 )
-
-MOST = 64  # lines of a robot
+from flexgen.base.spec.tables import Table
+from flexgen.model.elements import ZERO
 
 ANCHOR = Format(
     "end of a line",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexgen.base.spec.lines import Line, RodLine
 from flexgen.base.spec.tables import Table
 from flexgen.model.elements import Placement, RobotModel
-from flexgen.model.lines import Line, RodLine
 
 # Length [m] below which the two ends of a line are one point, and the line has no direction.
 NO_LENGTH = 1e-6
@@ -65,8 +65,6 @@ def check_lines(root: Table, model: RobotModel) -> None:
 
     Its ends coincide, it is outside its stroke or its limits, or a rod is far from its length.
     """
-    if not model.lines:
-        return
     home = np.zeros(model.n_a)
     home[list(model.i_g)] = model.home
     tables = root.tables("line")
