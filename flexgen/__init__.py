@@ -337,6 +337,7 @@ _NOUNS = {
     "TuningResult": "flexgen.studies.scenarios.tune",
     "Wall": "flexgen.simulation.environment.wall",
     "Window": "flexgen.studies.scenarios.scenario",
+    "WorkFrame": "flexgen.model.moves",
     "combinations": "flexgen.studies.sweeps.cases",
     "random_moves": "flexgen.studies.sweeps.cases",
 }

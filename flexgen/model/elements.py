@@ -28,7 +28,7 @@ from flexgen.model.friction import FRICTION_LAWS as FRICTION_LAWS
 from flexgen.model.friction import NO_FRICTION, Friction
 from flexgen.model.friction import friction_key as friction_key
 from flexgen.model.moves import Move as Move
-from flexgen.model.moves import Program, check_name, unknown_move
+from flexgen.model.moves import Program, WorkFrame, check_name, unknown_move
 
 if TYPE_CHECKING:
     from flexgen.base.spec.lines import Line
@@ -414,6 +414,8 @@ class RobotModel:
     urdf_joints: Mapping[str, UrdfJoint] = field(default_factory=dict, compare=False, repr=False)
     # of `flexgen.read`: what the file and the variant do not have; for new model files
     overrides: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    # in which moves of the file are stated; the moves themselves are in world axes
+    frames: tuple[WorkFrame, ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """Refuse names that files, C, XML and pages are not made for; those of moves are checked

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
+
+import numpy as np
 
 from flexgen.base.checks.counts import show_value
 from flexgen.base.checks.type_checks import checked_class
@@ -19,6 +21,7 @@ Matrix = tuple[tuple[float, ...], ...]
 NO_ROTATION: Vector = (0.0, 0.0, 0.0)
 DEGREES = (5, 7, 9, 11)  # of a spline through samples
 LONGEST_NAME = 100
+ORTHOGONAL = 1e-9  # largest error of R R' = 1 of a rotation matrix
 RADIUS = 0.25  # m: a rotation by an angle is counted as a path length of RADIUS times the angle
 
 
@@ -271,3 +274,120 @@ def unknown_move(model: str, names: Sequence[str], given: Any) -> str:
     return (
         f"move: given {show_value(given)}, expected one of model {model}: {', '.join(names)}{hint}"
     )
+
+
+@checked_class
+@dataclass(frozen=True)
+class WorkFrame:
+    """A frame of a workpiece, a fixture or a table, in which moves are stated: ``p_world =
+    position + rotation p``.
+
+    ``position`` [m] and ``rotation`` (a rotation matrix) in world axes.
+
+    Examples
+    --------
+    >>> turned = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    >>> table = flexgen.WorkFrame("table", (0.8, 0.2, 0.1), turned)
+    >>> line = flexgen.Move("line", "tool_line", (0.5, -0.3), 1.0, 5, displacement=(0.1, 0.0, 0.2))
+    >>> table.place(line).displacement
+    (0.0, 0.1, 0.2)
+    """
+
+    name: str
+    position: Vector = (0.0, 0.0, 0.0)
+    rotation: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+    def __post_init__(self) -> None:
+        R = np.array(self.rotation, dtype=float)
+        is_rotation = R.shape == (3, 3) and np.allclose(R @ R.T, np.eye(3), atol=ORTHOGONAL)
+        if not is_rotation or np.linalg.det(R) < 0.0:
+            raise ArgumentError(
+                f"rotation of frame {self.name}: given {show_value(self.rotation)}, expected a "
+                "rotation matrix (3, 3)"
+            )
+
+    def place(self, move: Move) -> Move:
+        """A move that is stated in this frame, in world axes.
+
+        Parameters
+        ----------
+        move : Move
+            Of the tool, of the joints to a pose of the tool, or a program of these. Its start
+            stays, as it is one of the joints.
+
+        Returns
+        -------
+        Move
+
+        Raises
+        ------
+        ArgumentError
+            The move has samples, or is one of outputs that are not the tool.
+        """
+        if move.type in ("sampled", "output_line"):
+            raise ArgumentError(
+                f"move {move.name}: given the type {move.type}, expected a move of the tool or "
+                f"the joints for frame {self.name}"
+            )
+        changed: dict[str, Any] = {
+            name: self._turn(getattr(move, name))
+            for name in ("displacement", "rotation", "center", "axis")
+        }
+        changed["legs"] = tuple(self.place_step(leg) for leg in move.legs)
+        changed["target"] = None if move.target is None else self._place_target(move.target)
+        if isinstance(move, Program):
+            changed["steps"] = tuple(self.place_step(step) for step in move.steps)
+        return replace(move, **changed)
+
+    def place_step(self, step: Any) -> Any:
+        """A step of a program, or a leg of a move, that is stated in this frame, in world axes.
+
+        Parameters
+        ----------
+        step : MoveJ, MoveL or MoveC
+
+        Returns
+        -------
+        MoveJ, MoveL or MoveC
+        """
+        if isinstance(step, MoveJ):
+            target = None if step.target is None else self._place_target(step.target)
+            return replace(step, target=target)
+        changed: dict[str, Any] = {
+            "displacement": self._turn(step.displacement),
+            "rotation": self._turn(step.rotation),
+            "position": self._shift(step.position),
+            "orientation": self._orient(step.orientation),
+        }
+        if isinstance(step, MoveC):
+            # the origin of the point is that of the end
+            own = self._shift if len(step.position) else self._turn
+            changed["via"] = own(step.via)
+        return replace(step, **changed)
+
+    def _turn(self, vector: Vector) -> Vector:
+        """A vector in world axes; one that is not given stays."""
+        if not len(vector):
+            return vector
+        return tuple((np.array(self.rotation) @ np.array(vector, dtype=float)).tolist())
+
+    def _shift(self, point: Vector) -> Vector:
+        """A point in the world [m]; one that is not given stays."""
+        if not len(point):
+            return point
+        return tuple((np.array(self.position) + self._turn(point)).tolist())
+
+    def _orient(self, orientation: Matrix) -> Matrix:
+        """An orientation in world axes; one that is not given stays."""
+        if not len(orientation):
+            return orientation
+        turned = np.array(self.rotation) @ np.array(orientation, dtype=float)
+        return tuple(map(tuple, turned.tolist()))
+
+    def _place_target(self, target: PoseTarget) -> PoseTarget:
+        """A pose of the tool in the world."""
+        return replace(
+            target,
+            position=self._shift(target.position),
+            orientation=self._orient(target.orientation),
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError, suggestion
@@ -57,7 +58,10 @@ def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
         )
     shown = from_here(path)
     root = Table(shown, parse_file(path, shown), "")
-    found = read(root, PROGRAMS, Context({"output": model.output, "element": model.elements}))
+    about: dict[str, Any] = {"output": model.output, "element": model.elements}
+    # frames of the file come before those of the robot: one of the same name replaces it
+    frames = (*model.frames, *PROGRAMS["frame"].read(root, Context(about)))
+    found = read(root, PROGRAMS, Context({**about, "frame": frames}))
     if not found["moves"] and not found["programs"]:
         raise root.fail("program", "one or more [[move]] or [[program]] tables")
     return (*found["moves"], *found["programs"])

@@ -56,7 +56,7 @@ NO_RESULT = {
     **dict.fromkeys(
         (
             "Impedance Wall Scenario Segment Window Setting Port InversionOptions Priors "
-            "StaticPoses DatasheetTolerances"
+            "StaticPoses DatasheetTolerances WorkFrame"
         ).split(),
         INPUT,
     ),

@@ -44,7 +44,7 @@ from flexgen.model.format.format_robot import (
     SPRING,
     friction,
 )
-from flexgen.model.format.format_tasks import LEG, MOVE, OUTPUT
+from flexgen.model.format.format_tasks import FRAME, LEG, MOVE, OUTPUT
 from flexgen.model.position_servo.keys import LOW_PASS, NOTCH, SERVO_TABLE
 from flexgen.studies.scenarios import scenario_file as scenario
 from flexgen.studies.sweeps.grid_file import GRID, RANDOM
@@ -82,6 +82,7 @@ TABLES: dict[str, Form] = {
     "`[uncertainty]`": UNCERTAINTY,
     "`[servo]`": SERVO_TABLE,
     "`[output]`": OUTPUT,
+    "`[[frame]]`": FRAME,
     "`[[move]]`": MOVE,
     "`legs` of a move": LEG,
     "`[[program]]`": PROGRAM,

@@ -51,7 +51,7 @@ from flexgen.model.elements import (
 from flexgen.model.format import format_robot as robot
 from flexgen.model.format.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format.format_programs import PROGRAM
-from flexgen.model.format.format_tasks import MOVE, OUTPUT, joint_position
+from flexgen.model.format.format_tasks import FRAME, MOVE, OUTPUT, joint_position
 
 
 def _tool(position: Vector, rotation: Matrix, rpy: Matrix | None, **more: Any) -> Placement:
@@ -407,6 +407,7 @@ MODEL = Format(
             default=lambda table, here: Body(com=here.values["tool"].position),
         ),
         Key("output", sub(OUTPUT), OUTPUT.doc, note="the output that a reference prescribes"),
+        Key("frame", listed(FRAME, least=0), "frames in which moves are stated", default=()),
         Key(
             "move", listed(MOVE, least=0), "reference moves that start and end at rest", default=()
         ),
@@ -430,7 +431,9 @@ MODEL = Format(
         ),
     ),
 )
-PROGRAMS = Format("moves and programs of flexgen", (MODEL["move"], MODEL["program"]))
+PROGRAMS = Format(
+    "moves and programs of flexgen", (MODEL["frame"], MODEL["move"], MODEL["program"])
+)
 VARIANT = Format(
     "changes",
     (

@@ -26,6 +26,8 @@ from flexgen.model.format.format_robot import RPY
 from flexgen.model.format.format_tasks import (
     BOUNDS,
     CONFIGURATION,
+    FRAME_KEY,
+    FRAME_OF_STEP,
     PROFILE,
     RADIUS_KEY,
     TOOL,
@@ -36,9 +38,10 @@ from flexgen.model.format.format_tasks import (
     only_of_a_pose,
     read_profile,
     rotation,
+    step_in_frame,
     with_target,
 )
-from flexgen.model.moves import MoveC, MoveJ, MoveL, Program
+from flexgen.model.moves import MoveC, MoveJ, MoveL, Program, WorkFrame
 
 
 def _check_place(table: Table, here: Context) -> None:
@@ -80,6 +83,7 @@ _OF_WORLD = "m, world axes and origin"
 _RPY = Type(_read_orientation, vector(3).schema, angle=True)
 _PAUSE = Key("pause", number(least=0.0), "pause after the step", "s", 0.0)
 _LINE = (
+    FRAME_OF_STEP,
     replace(_PAUSE, check=_check_place),
     Key(
         "displacement",
@@ -124,6 +128,7 @@ STEP = Kinds(
         "MoveJ": Format(
             "line in the joint coordinates",
             (
+                FRAME_OF_STEP,
                 replace(_PAUSE, check=check_end),
                 *end_of_joints("where the step ends"),
                 Key("speed", _SPEED, "largest joint speed", "rad/s", None),
@@ -131,11 +136,13 @@ STEP = Kinds(
                     "zone", _ZONE, "distance from the end at which the rounding begins", "rad", 0.0
                 ),
             ),
-            make=partial(with_target, MoveJ),
+            make=partial(step_in_frame, partial(with_target, MoveJ)),
             where=True,
         ),
-        "MoveL": Format("line of the tool", _LINE, MoveL, where=True),
-        "MoveC": Format("arc of the tool", (*_LINE, _VIA_KEY), MoveC, where=True),
+        "MoveL": Format("line of the tool", _LINE, partial(step_in_frame, MoveL), where=True),
+        "MoveC": Format(
+            "arc of the tool", (*_LINE, _VIA_KEY), partial(step_in_frame, MoveC), where=True
+        ),
     },
 )
 
@@ -168,11 +175,17 @@ def _check_steps(table: Table, here: Context) -> None:
             )
 
 
+def _make_program(frame: WorkFrame | None, **values: Any) -> Program:
+    """A program; its steps are in world axes already."""
+    return Program(**values)
+
+
 _OF_MOVEJ = "bounds on joint speed, acceleration, jerk, ... of MoveJ"
 PROGRAM = Format(
     "program",
     (
         Key("name", name("move"), "name of the program"),
+        replace(FRAME_KEY, doc="frame in which the steps are stated that name no other"),
         joint_position("start", "where the program starts"),
         replace(PROFILE, doc=f"of MoveL and MoveC: {PROFILE.doc}"),
         Key("joint_profile", Type(read_profile, BOUNDS, angle=True), _OF_MOVEJ, "rad/s, ...", ()),
@@ -185,6 +198,6 @@ PROGRAM = Format(
         RADIUS_KEY,
         Key("step", listed(STEP), "steps in their order", check=_check_steps),
     ),
-    make=Program,
+    make=_make_program,
     where=True,
 )

@@ -42,11 +42,13 @@ from flexgen.model.elements import (
     Vector,
     coordinates_of,
 )
-from flexgen.model.format.format_robot import RPY
-from flexgen.model.moves import DEGREES, RADIUS, Move, MoveC, MoveL, PoseTarget
+from flexgen.model.format.format_robot import PLACEMENT, RPY
+from flexgen.model.moves import DEGREES, RADIUS, Move, MoveC, MoveL, PoseTarget, WorkFrame
 
 PROFILE_MAX = 8  # number of bounds: the speed and seven of its derivatives
 MOST_TURNS = 100
+MISSING = "no frame, or a table [[frame]] with this name"
+FLAT = 1e-9  # largest change of the axis of an output by a frame that is not tilted
 TOOL = ("tool_position", "tool_position_angle", "tool_pose")
 TURNING = ("tool_position_angle", "tool_pose")  # with a rotation
 
@@ -244,6 +246,65 @@ def rotation(doc: str) -> Key:
 RADIUS_KEY = Key(
     "radius", number(above=0.0), "a rotation counts as path length radius * angle", "m", RADIUS
 )
+
+
+# --- frames --------------------------------------------------------------------------------------
+
+
+def _work_frame(position: Vector, rotation: Matrix, rpy: Matrix | None, name: str) -> WorkFrame:
+    return WorkFrame(name, position, rotation if rpy is None else rpy)
+
+
+FRAME = Format(
+    "frame of a workpiece or a fixture in the world; moves name it",
+    (Key("name", name("frame"), "name of the frame"), *PLACEMENT.keys),
+    make=_work_frame,
+)
+
+
+def _read_frame(table: Table, key: Key, here: Context) -> WorkFrame:
+    """The frame with this name; of an output with an angle it must not tilt the axis."""
+    frames = {frame.name: frame for frame in here.of_file("frame")}
+    given = table.text(key.name)
+    if given not in frames:
+        raise table.fail(key.name, closest(given, frames) if frames else MISSING)
+    output = here.of_file("output")
+    axis = np.array(output.rotation_axis or ZERO, dtype=float)
+    tilted = np.array(frames[given].rotation) @ axis
+    if output.has_angle and np.linalg.norm(tilted - axis) > FLAT:
+        raise table.fail(
+            key.name, f"a frame that is not tilted against the output's axis {output.axis_text}"
+        )
+    return frames[given]
+
+
+def _frame_of_all(table: Table, here: Context) -> Any:
+    """The frame of the table that contains the list, if it names one."""
+    outer = here.outer
+    return None if outer is None or "frame" not in outer else _read_frame(outer, FRAME_KEY, here)
+
+
+_IN_FRAME = "frame in which it is stated, in place of the world; vectors have its axes"
+FRAME_KEY = Key("frame", Type(_read_frame, {"type": "string"}), _IN_FRAME, default=None)
+FRAME_OF_STEP = replace(
+    FRAME_KEY,
+    doc="frame in which the step is stated; default: that of the program",
+    default=_frame_of_all,
+)
+
+
+def in_frame(make: Callable[..., Any], **values: Any) -> Any:
+    """A move in world axes, from one that is stated in a frame."""
+    frame = values.pop("frame")
+    made = make(**values)
+    return made if frame is None else frame.place(made)
+
+
+def step_in_frame(make: Callable[..., Any], **values: Any) -> Any:
+    """A step in world axes, from one that is stated in a frame."""
+    frame = values.pop("frame")
+    made = make(**values)
+    return made if frame is None else frame.place_step(made)
 
 
 # --- poses of the tool as ends of joint moves ----------------------------------------------------
@@ -476,7 +537,13 @@ _LEGS = Key("legs", listed(LEG, plural=False), "lines and arcs")
 
 
 def _of_tool(doc: str, *keys: Key) -> Format:
-    return Format(doc, (_START, *_time(), RADIUS_KEY, *keys), Move, before=_needs_tool, where=True)
+    return Format(
+        doc,
+        (FRAME_KEY, _START, *_time(), RADIUS_KEY, *keys),
+        partial(in_frame, Move),
+        before=_needs_tool,
+        where=True,
+    )
 
 
 MOVE = Kinds(
@@ -500,8 +567,8 @@ MOVE = Kinds(
         ),
         "joint": Format(
             _TO,
-            (_START, *_time(check=check_end), *end_of_joints("where the move ends")),
-            make=partial(with_target, Move),
+            (FRAME_KEY, _START, *_time(check=check_end), *end_of_joints("where the move ends")),
+            make=partial(in_frame, partial(with_target, Move)),
             where=True,
         ),
         "output_line": Format(
