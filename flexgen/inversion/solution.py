@@ -33,6 +33,9 @@ STATE_CHANNELS = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 SMALL_TORQUE = 1e-3
 # Largest torque [N m or N] of a kind that has none: nothing is divided by zero.
 NO_TORQUE = 1e-9
+# [m]: shorter lines change their direction at once
+SHORTEST = 1e-3
+LENGTH_SLACK = 1e-9  # [m], rounding of the length of a line
 INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
 
 
@@ -470,6 +473,29 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
                     f"coordinate {dof.name}: {np.abs(values).max():.4g} {unit} exceeds its "
                     f"limit {limit:.4g} {unit}"
                 )
+    return tuple(out) + line_warnings(robot, trajectory)
+
+
+def line_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:
+    """Lines between two points whose length leaves their stroke or limits in a motion, or whose
+    ends almost meet.
+    """
+    if not robot.lines:
+        return ()
+    from flexgen.dynamics.mechanics.equations import kept_equations
+
+    states = kept_equations(robot).function("line_states")
+    lengths = evaluate(states, trajectory["q_a"], trajectory["v_a"])[0]
+    out = []
+    for line, length in zip(robot.lines, lengths.T, strict=True):
+        low, high = line.range
+        low = max(low, SHORTEST)
+        shortest = float(length.min())
+        longest = float(length.max())
+        if shortest < low - LENGTH_SLACK:
+            out.append(f"line {line.name}: {shortest:.4g} m is below its limit {low:.4g} m")
+        if longest > high + LENGTH_SLACK:
+            out.append(f"line {line.name}: {longest:.4g} m is above its limit {high:.4g} m")
     return tuple(out)
 
 

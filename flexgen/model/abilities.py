@@ -521,8 +521,9 @@ FEATURES: tuple[Feature, ...] = (
             "identify_rigid": NOT_FITTED,
             "calibrate": NOT_IN_STATICS,
             "symbolic": NOT_IN_TEXT,
-            "export_mujoco": NOT_IN_MUJOCO,
+            "export_mujoco": "MuJoCo has springs and rods without mass alone",
         },
+        own=("export_mujoco",),
         parts={"batches of moves": "expected none", "elastic joints": "expected none"},
     ),
     Feature(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from flexgen.codegen.recursion.functions import fast_function
 from flexgen.dynamics.mechanics import lagrangian
 from flexgen.dynamics.mechanics.lines import elastic_tension, stored_energy
 from flexgen.exports.urdf.urdf import export_urdf
+from flexgen.inversion.solution import line_warnings
 from flexgen.model.format.line_checks import body_poses, line_lengths
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -290,3 +292,15 @@ def test_ends_that_coincide_are_refused() -> None:
     line = LINES[3] | {"from": end("base", *at.tolist()), "to": end("link3", 0, 0, 0)}
     with pytest.raises(ModelError, match="two points that are apart"):
         flexgen.read("kr300", overrides={"line": [line]})
+
+
+def test_a_motion_beyond_the_stroke_is_reported_with_the_length() -> None:
+    model = robot("push")
+    (line,) = model.lines
+    solution = flexgen.solve(model, progress=False)
+    assert line_warnings(model, solution.trajectory) == ()
+    short = replace(model, lines=(replace(line, length=1.42, stroke=0.05),))
+    (text,) = line_warnings(short, solution.trajectory)
+    states = flexgen.derive(model).function("line_states")
+    lengths = evaluate(states, solution.trajectory["q_a"], solution.trajectory["v_a"])[0]
+    assert f"{lengths.max():.4g} m is above its limit 1.42 m" in text

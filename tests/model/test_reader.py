@@ -37,6 +37,7 @@ COUNTS = {
     "manutec_r3_24": (6, 6, 12, 24, ()),
     "manutec_r3_30": (6, 6, 18, 30, ()),
     "kr300": (6, 6, 0, 9, ("backlash", "encoders")),
+    "kr300_balancer": (6, 6, 2, 11, ()),
     "kr300_efjm": (6, 6, 8, 20, ()),
     "planar5_family": (
         2,

@@ -85,6 +85,27 @@ def chain_points(system: System) -> Built:
     return [chain.q_a], ["q_a"], [ca.horzcat(*chain.points)], ["chain_points"]
 
 
+def line_states(system: System) -> Built:
+    """Lengths, rates and tensions of the lines between two points."""
+    chain = system.lagrangian.chain
+    columns = [
+        ca.vertcat(ca.SX(0, 1), *values)
+        for values in (
+            [line.length for line in chain.lines],
+            [line.rate for line in chain.lines],
+            [line.tension for line in chain.lines],
+        )
+    ]
+    return [chain.q_a, chain.v_a], ["q_a", "v_a"], columns, ["l", "dl", "F_l"]
+
+
+def line_points(system: System) -> Built:
+    """Ends of the lines in the world, for drawing."""
+    chain = system.lagrangian.chain
+    points = ca.horzcat(ca.SX(3, 0), *[line.points for line in chain.lines])
+    return [chain.q_a], ["q_a"], [points], ["line_points"]
+
+
 # --- the arm -------------------------------------------------------------------------------------
 
 
@@ -331,4 +352,6 @@ BUILDERS: dict[str, Builder] = {
     "power": power,
     "output": output,
     "chain_points": chain_points,
+    "line_states": line_states,
+    "line_points": line_points,
 }

@@ -390,6 +390,14 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
         "y",
     ),
     Row("chain_points", "Corner points of the chain, for drawing.", "", "q_a", "chain_points"),
+    Row(
+        "line_states",
+        "Lengths, rates and tensions of the lines between two points.",
+        "l = |p2 - p1|, F = F(l, dl/dt)",
+        "q_a v_a",
+        "l dl F_l",
+    ),
+    Row("line_points", "Ends of the lines in the world, in turn.", "", "q_a", "line_points"),
 )
 
 FUNCTIONS = tuple(row.name for row in TABLE if not row.optional)
@@ -543,7 +551,7 @@ PORTS["parameters" + COTANGENT] = (
     "mixed",
     "unit of the weighted sum per unit of parameters",
 )
-# of the functions in PYTHON_TABLE; n = n_x/2, k: corner points
+# of the functions in PYTHON_TABLE; n = n_x/2, k: corner points, n_l: lines
 PYTHON_PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "dJ": (("6", "n_a"), "mixed", "as J, per second"),
     "f_a": (("n_a",), "{tau}", "friction and drag forces, arm side"),
@@ -567,6 +575,10 @@ PYTHON_PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "P_dissipated": ((), "W", "dissipated power"),
     "y": (("n_y",), "{y}", "output"),
     "chain_points": (("3", "k"), "m", "points, world axes"),
+    "l": (("n_l",), "m", "lengths"),
+    "dl": (("n_l",), "m/s", "rates of the lengths"),
+    "F_l": (("n_l",), "N", "tensions, with those of the dampers"),
+    "line_points": (("3", "2 * n_l"), "m", "first end, second end of each line"),
 }
 
 

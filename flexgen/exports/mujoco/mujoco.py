@@ -42,7 +42,13 @@ from flexgen.exports.mujoco.mujoco_checks import (
     refusal,
     with_friction,
 )
-from flexgen.exports.mujoco.mujoco_forces import FAR, add_actuators, add_constraints, add_tendons
+from flexgen.exports.mujoco.mujoco_forces import (
+    FAR,
+    add_actuators,
+    add_constraints,
+    add_sites,
+    add_tendons,
+)
 from flexgen.exports.mujoco.mujoco_inertia import principal, regroup
 from flexgen.exports.poses import chain, frame_about, pose_attributes
 from flexgen.exports.xml_text import add, document, numbers
@@ -111,11 +117,11 @@ def export_mujoco(
     ------
     ModelError
         MuJoCo cannot express a part of the robot exactly: a beam, the dead band of a backlash, a
-        counterbalance, friction (see there), a drag on a body that turns about several directions,
-        complete coupling of a motor with a rigid gear on such a body, a rotor behind rigid gears
-        that turns with joints on several branches, an axis without inertia that only a mechanism
-        over several branches holds, inertias that no real body has, or so small that MuJoCo's
-        least count.
+        counterbalance, a gas spring, a cable or a line with mass, friction (see there), a drag on
+        a body that turns about several directions, complete coupling of a motor with a rigid gear
+        on such a body, a rotor behind rigid gears that turns with joints on several branches, an
+        axis without inertia that only a mechanism over several branches holds, inertias that no
+        real body has, or so small that MuJoCo's least count.
     ArgumentError
         There is no such model or friction, the model has hysteresis, lugre, friction that depends
         on the load or Fourier sums of motor angles, or the file cannot be written.
@@ -222,6 +228,7 @@ class _Writer:
             for drive in self.drives:
                 if drive.turning is None and drive.motor.carrier == element.name:
                     self._rotor(holder, drive, center, R @ np.array(drive.motor.axis))
+        add_sites(model, holders)
         payload = model.payload
         tip = tips[model.tip]
         holder = holders[model.tip]

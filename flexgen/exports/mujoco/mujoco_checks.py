@@ -10,6 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from flexgen.base.errors import ArgumentError, ModelError
+from flexgen.base.spec.lines import CableLine, RodLine, SpringLine
 from flexgen.exports.mechanisms import on_one_chain
 from flexgen.exports.mujoco.mujoco_inertia import PARALLEL
 from flexgen.model.elements import BacklashSpring, Friction, Motor, RobotModel
@@ -90,6 +91,31 @@ def check_laws(model: RobotModel, dry: bool) -> None:
                 raise refusal(model, f"{here}.counterbalance", "a counterbalance", "none")
     for motor in model.motors:
         _check_friction(model, f"motor.{motor.name}.friction", motor.friction, dry)
+    check_lines(model)
+
+
+def check_lines(model: RobotModel) -> None:
+    """Refuse lines that a spatial tendon of MuJoCo is not: it has no mass, and its force is linear
+    in its length beyond a length >= 0.
+    """
+    for line in model.lines:
+        here = f"line.{line.name}"
+        if not isinstance(line, SpringLine | RodLine):
+            what = "a cable" if isinstance(line, CableLine) else "a gas spring"
+            raise refusal(model, here, what, "a spring or a rod")
+        if line.mass:
+            raise refusal(model, f"{here}.mass", f"{line.mass:g} kg", "a line without mass")
+        if slack_length(line) < 0.0:
+            given = f"a spring without force at the length {slack_length(line):.4g} m"
+            raise refusal(model, f"{here}.preload", given, "preload <= stiffness length")
+
+
+def slack_length(line: SpringLine | RodLine) -> float:
+    """Length [m] at which a line has no force; below 0 of a spring with a large preload."""
+    preload = line.preload if isinstance(line, SpringLine) else 0.0
+    if line.stiffness == 0.0:
+        return line.length
+    return line.length - preload / line.stiffness
 
 
 def _check_friction(model: RobotModel, key: str, friction: Friction, dry: bool) -> None:

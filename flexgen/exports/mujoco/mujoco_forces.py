@@ -1,4 +1,4 @@
-"""Springs, dampers, drives and drags as fixed tendons of an MJCF file, and its actuators.
+"""Springs, dampers, drives, drags and lines as tendons of an MJCF file, and its actuators.
 
 A fixed tendon is a sum of joint values, ``L = sum_i coef_i q_i``; its spring, damper and inertia
 act on this sum.
@@ -11,14 +11,17 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from flexgen.base.spec.lines import RodLine, SpringLine
 from flexgen.dynamics.mechanics.lagrangian import gears
 from flexgen.exports.mechanisms import held_axes, lengths_of_mechanisms, mechanisms
-from flexgen.exports.mujoco.mujoco_checks import Drive, common_axis, refusal
+from flexgen.exports.mujoco.mujoco_checks import Drive, common_axis, refusal, slack_length
+from flexgen.exports.poses import chain
 from flexgen.exports.xml_text import add, numbers
 from flexgen.model.elements import (
     BacklashSpring,
     CubicSpring,
     LinearSpring,
+    Placement,
     RobotModel,
     SmoothSpring,
     Spring,
@@ -44,6 +47,32 @@ def add_tendons(model: RobotModel, drives: Sequence[Drive], tendons: Element) ->
             _rigid_drive(tendons, drive)
     _mechanisms(model, tendons)
     _drags(model, tendons)
+    _lines(model, tendons)
+
+
+def _lines(model: RobotModel, tendons: Element) -> None:
+    """Springs and rods between two points as spatial tendons between the sites of `add_sites`."""
+    for line in model.lines:
+        assert isinstance(line, SpringLine | RodLine)  # others are refused by check_lines
+        tendon = add(
+            tendons,
+            "spatial",
+            name=f"line.{line.name}",
+            springlength=slack_length(line),
+            stiffness=line.stiffness,
+            damping=line.damping,
+        )
+        for end in ("from", "to"):
+            add(tendon, "site", site=f"line.{line.name}.{end}")
+
+
+def add_sites(model: RobotModel, holders: Mapping[str, Element]) -> None:
+    """Mark the ends of lines on the bodies of the file, ``holders``, by element."""
+    frames = {"base": model.base} | {element.name: element.link for element in model.elements}
+    for line in model.lines:
+        for end, anchor in (("from", line.start), ("to", line.end)):
+            at = chain(frames[anchor.element], Placement(anchor.position)).position
+            add(holders[anchor.element], "site", name=f"line.{line.name}.{end}", pos=at)
 
 
 def add_constraints(model: RobotModel, step: float, equalities: Element) -> None:

@@ -22,6 +22,15 @@ from flexgen.views.plots.canvas import BLUE, GREEN, INK, ORANGE, RED
 INSTANTS = 6
 FLAT = 1e-6  # of the largest extent; a smaller extent is zero
 
+# Style of springs, rods and cables between two points.
+LINES: dict[str, Any] = {
+    "color": BLUE,
+    "lw": 1.6,
+    "ls": (0, (3, 1.2)),
+    "marker": "o",
+    "ms": 3.5,
+    "zorder": 25,
+}
 _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "elastic": (
         "joint with an elastic gear",
@@ -44,8 +53,9 @@ class Scene:
     reference or None.
 
     ``frames`` (INSTANTS, 3, k), ``times`` (INSTANTS) [s], ``tool`` (n, 3), ``reference`` (n, 3)
-    [m]; ``views``: pairs of axes (right, up): one for a planar robot, three for a spatial one,
-    none for a robot without extent.
+    [m]; ``lines`` (INSTANTS, 3, 2 l): both ends of l springs, rods and cables [m]; ``views``:
+    pairs of axes (right, up): one for a planar robot, three for a spatial one, none for a robot
+    without extent.
     """
 
     frames: np.ndarray
@@ -53,6 +63,7 @@ class Scene:
     tool: np.ndarray
     reference: np.ndarray | None
     views: tuple[tuple[int, int], ...]
+    lines: np.ndarray
 
 
 def scene(
@@ -73,7 +84,10 @@ def scene(
         reference = tool.copy()
         axes = list(model.output.tool_rows)
         reference[:, axes] = trajectory["y_ref"][:, : len(axes)]
-    return Scene(frames, times, tool, reference, _views(model, frames))
+    lines = np.zeros((len(times), 3, 0))
+    if model.lines:
+        lines = evaluate(equations.function("line_points"), q)[0]
+    return Scene(frames, times, tool, reference, _views(model, frames), lines)
 
 
 def _instants(equations: Equations, trajectory: Trajectory, end: float) -> np.ndarray:
@@ -110,7 +124,8 @@ def _views(model: RobotModel, frames: np.ndarray) -> tuple[tuple[int, int], ...]
 
 def spans(drawn: Scene) -> np.ndarray:
     """Range of each coordinate in the drawing, with a margin: (3, 2) [m]."""
-    points = np.vstack([drawn.frames.transpose(0, 2, 1).reshape(-1, 3), drawn.tool])
+    corners = np.concatenate([drawn.frames, drawn.lines], axis=2)
+    points = np.vstack([corners.transpose(0, 2, 1).reshape(-1, 3), drawn.tool])
     low = points.min(axis=0)
     high = points.max(axis=0)
     margin = 0.07 * (high - low).max()
@@ -126,6 +141,10 @@ def draw_view(
         last = k == len(drawn.frames) - 1
         shade = INK if last else str(0.88 - 0.35 * k / len(drawn.frames))
         _chain(ax, model, frame[[right, up]], shade, 10 + k, joints=last or k == 0)
+        if last or k == 0:
+            ends = drawn.lines[k][[right, up]]
+            for j in range(0, ends.shape[1], 2):
+                ax.plot(*ends[:, j : j + 2], **(LINES | {"alpha": 1.0 if last else 0.4}))
     base = drawn.frames[0][[right, up], 0]
     upright = abs(model.gravity[up]) > 0 or not any(model.gravity)
     ax.plot(
@@ -208,6 +227,8 @@ def handles(model: RobotModel, drawn: Scene) -> list[Any]:
     ]
     if any(element.beam is not None for element in model.elements):
         out.append(Line2D([], [], color=ORANGE, lw=3.2, label="elastic beam (chord)"))
+    if model.lines:
+        out.append(Line2D([], [], label="spring, rod or cable", **LINES))
     out.append(Line2D([], [], color=GREEN, lw=3.2, alpha=0.55, label="path of the tool"))
     if drawn.reference is not None:
         out.append(Line2D([], [], color=RED, lw=1.1, ls=(0, (4, 2.5)), label="reference"))
