@@ -13,7 +13,7 @@ Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,19 +29,29 @@ class GearDeflection:
     """Stiffness of one gear, arm side.
 
     ``stiffness`` [N m/rad or N/m], or None where it is not determined; ``interval``: 90 %
-    interval, the upper end infinite where the record allows a rigid gear; ``skew_s`` [s]: lag of
-    the link encoder; ``explained``: part of the variance of the deflection that the torque
-    explains in addition to skew and offset.
+    interval, the upper end infinite where the record allows a rigid gear, or None where the
+    torques of the gear are not those of a fit that holds, for the reason ``doubt``; ``skew_s``
+    [s]: lag of the link encoder; ``explained``: part of the variance of the deflection that the
+    torque explains in addition to skew and offset.
     """
 
     stiffness: float | None
-    interval: tuple[float, float]
+    interval: tuple[float, float] | None
     skew_s: float
     explained: float
+    doubt: str = ""
+
+    def without_interval(self, doubt: str) -> GearDeflection:
+        """The stiffness alone, for a reason."""
+        return replace(self, interval=None, doubt=doubt)
 
     @property
     def sentence(self) -> str:
         """The result in words."""
+        if self.interval is None and self.stiffness is None:
+            return f"not identifiable; torques of a fit that is {self.doubt!r}"
+        if self.interval is None:
+            return f"{self.stiffness:.3g}, no interval: the fit of the torques is {self.doubt!r}"
         low, high = self.interval
         if self.stiffness is None and np.isinf(low):
             return "not identifiable: no deflection follows the torque"

@@ -42,7 +42,10 @@ def content_of_rigid(found: Any) -> tuple[Part, ...]:
         *(Prose(f"One mistake can be the reason: {line}", "mistake") for line in mistake),
         Prose(
             f"errors: rms over the standard deviation of the torque, {band}, of samples that "
-            "move; left out: on quarters of the recordings, of the fit to the others",
+            "move. Error of the bodies: without what friction can do at rest and at reversals; "
+            "left out: on quarters of the recordings, of the fit to the others. Error of the "
+            "file: of feedforward with the new model file, with that friction, the springs of "
+            "the file, and without the delay",
             "errors",
         ),
         _motors(found),
@@ -72,14 +75,15 @@ def _motors(found: Any) -> Table:
     """Numbers and errors of each motor."""
     kinds = KINDS | (FALLING if found.fit.fades.any() else {})
     runs = [
-        (f"{name} {k}", run)
-        for name, each in found.errors.items()
+        (f"{name} {k}, error of the {of}", run)
+        for of, errors in (("bodies", found.errors), ("file", found.model_errors))
+        for name, each in errors.items()
         for k, run in enumerate(each, 1)
     ]
     columns = (
         Column("motor"),
         *(Column(kind, unit) for kind, unit in kinds.items()),
-        *(Column(f"{name}, error %") for name, _ in runs),
+        *(Column(name, "%") for name, _ in runs),
     )
     cells = tuple(
         (
@@ -133,6 +137,7 @@ def _data(found: Any) -> tuple[Data, ...]:
         "mistake": None if fit.mistake is None else vars(fit.mistake),
         "motors": [motor.name for motor in fit.model.motors],
         "relative_errors": found.errors,
+        "model_errors": found.model_errors,
         "notes": list(found.notes),
         "limit_hz": fit.limit_hz if np.isfinite(fit.limit_hz) else None,
         "lags": lags,

@@ -40,7 +40,7 @@ from flexgen.identification.rigid.feasible_bodies import Feasible, scales, units
 from flexgen.identification.rigid.feasible_motors import is_possible
 from flexgen.identification.rigid.rigid_columns import BLOCK, Columns, band_of
 from flexgen.identification.rigid.rigid_mistakes import Mistake, find_causes
-from flexgen.identification.rigid.rigid_model import rigid_model
+from flexgen.identification.rigid.rigid_model import in_a_file, rigid_model
 from flexgen.identification.rigid.rigid_regressor import Motion, Regressor, payload_in
 from flexgen.model.elements import RobotModel
 from flexgen.model.format.format_robot import HARMONICS
@@ -172,8 +172,35 @@ class RigidFit:
         )
 
     def torques(self, motion: Motion) -> np.ndarray:
-        """Torques of the motors along a motion (n, n_m) [N m], motor side."""
-        return np.asarray(self._columns([motion]).torques(self.pi, self.friction)[0])
+        """Torques of the motors that ``model`` needs for a motion (n, n_m) [N m], motor side.
+
+        Gears deflect as in the model, which has neither the compliances nor the delay of ``lags``.
+        Comparable with ``motion.torques``: friction is filtered as these are.
+        """
+        columns = self._of_model([motion], np.inf, 0.0)
+        return np.asarray(columns.torques(self.pi, self._friction)[0])
+
+    @property
+    def _friction(self) -> np.ndarray:
+        """Coefficients of the motors of ``model``, as ``friction``."""
+        return in_a_file(self.file, self.friction, self.fades)
+
+    def _of_model(self, motions: Sequence[Motion], limit: float, delay: float) -> Columns:
+        """The terms along motions where gears bend as in ``model``."""
+        columns = Columns(Regressor(self.file), motions, self.counterbalance, limit, self.speed)
+        columns = columns.with_fades(self.fades, self._friction[:, -2])
+        return columns.bent_by_model(self.pi, self._friction, delay, self.limit_hz)
+
+    def model_errors(self, motion: Motion) -> np.ndarray:
+        """Rms of the error of the torques of ``model`` over the standard deviation of the torque
+        of each motor, of samples that move (n_m,).
+
+        That of feedforward with the model, below ``limit_hz``: friction at rest and at reversals
+        is not taken out of the torques. The delay of the record is.
+        """
+        columns = self._of_model([motion], self.limit_hz, float(self.lags[-1]))
+        error, scale = columns.below(self.limit_hz, stiction=True).errors(self.pi, self._friction)
+        return error / scale
 
     def gear_torques(self, motion: Motion) -> np.ndarray:
         """Torques through the gears (n, n_g), arm side: those of the motors less friction and
@@ -187,7 +214,8 @@ class RigidFit:
         """Rms of the error over the standard deviation of the torque of each motor, of samples
         that move (n_m,).
 
-        Both below ``limit_hz``.
+        Both below ``limit_hz``, without what friction can do at rest and at reversals, and with
+        the deflections of ``lags``.
         """
         error, scale = self._errors([motion])
         return error / scale

@@ -51,6 +51,9 @@ WIDER = 4.0
 DEGREE = 5
 RATE = 20.0  # samples that are kept before the filter, over its limit
 FADED = 300.0  # fade times speed, from which on nothing of the friction is there
+# rounds of the deflections under the torques of a model: each leaves a part of their error of the
+# square of the frequency over the natural one
+BENDS = 2
 SOME = 500  # samples of a motion that show the size of the torques
 TERMS = ("Y", "F", "Z", "known", "held", "measured")
 
@@ -74,10 +77,11 @@ class Columns:
     """Terms of the torques of motions, motor side.
 
     Of the bodies Y (n, n_m, 10 bodies), of the motors F (n, n_m, columns), of changes of the
-    compliances and of the delay Z (n, n_m, n_g + 1); known rotors, held counterbalances, and
-    measured torques (n, n_m). Only so many samples are kept as have what is slower than ``limit``
-    [Hz]. ``speed`` (n_m,) [rad/s or m/s, of the joint]: the largest one of the joints of this
-    unit, in the motions of the fit; ``period`` [s]: of the band of the motion.
+    compliances and of the delay Z (n, n_m, n_g + 1); known rotors, held counterbalances and
+    frictions of joints that the file states, and measured torques (n, n_m). Only so many samples
+    are kept as have what is slower than ``limit`` [Hz]. ``speed`` (n_m,) [rad/s or m/s, of the
+    joint]: the largest one of the joints of this unit, in the motions of the fit; ``period`` [s]:
+    of the band of the motion.
     """
 
     def __init__(
@@ -118,6 +122,7 @@ class Columns:
         self.Z = []
         self.known = []
         self.held = []
+        self.braking: list[np.ndarray] = []
         self.measured = self.recorded
         moving = [np.abs(v) > MOVING * self.speed for v in self._speeds]
         self.moving = [x[::every] for x in moving]
@@ -133,7 +138,8 @@ class Columns:
             columns = np.stack([speed / ratio, sign, np.ones_like(speed), rotor], axis=2)
             self.F.append(np.concatenate([columns, self._harmonics(q)], axis=2))
             self.known.append(inertia * (a @ model.eta.T))
-            self.held.append(self._relief(q))
+            self.braking.append(self._braking(motion))
+            self.held.append(self._relief(q) + self.braking[-1])
 
     def motor_side(self, Y: np.ndarray) -> np.ndarray:
         """Torques of motors (n, n_m, ...) from those of the arm (n, n_g, ...)."""
@@ -153,6 +159,11 @@ class Columns:
             for k, (sine, cosine) in enumerate(held[name], 1):
                 relief[:, i] += sine * np.sin(k * q[:, i]) + cosine * np.cos(k * q[:, i])
         return -relief @ self._inverse.T
+
+    def _braking(self, motion: Motion) -> np.ndarray:
+        """Torques (n, n_m) against the friction of the joints, which the file states."""
+        friction = self.regressor.joint_friction(motion.derivatives[1])
+        return smooth_forces(friction)[:: self._every] @ self._inverse.T
 
     def _harmonics(self, q: np.ndarray) -> np.ndarray:
         """Sines and cosines of multiples of the angles, from the second one (n, n_m, columns)."""
@@ -238,25 +249,13 @@ class Columns:
         out.Z = []
         out.held = []
         out.measured = []
-        damping = gear_damping(self.regressor.equations)
-        low = LowPass(self.step, WIDEST / self.step if np.isinf(limit) else WIDER * limit)
-        for k, state in enumerate(self.states):
-            at = np.clip(self.t[k] + lags[n_g], 0.0, self.t[k][-1])
-            out.measured.append(make_interp_spline(self.t[k], self.recorded[k], k=3)(at))
+        low = self._low_of_bends(limit)
+        for k in range(len(self.states)):
+            out.measured.append(self._late(k, lags[n_g]))
             own = self.known[k] + self.of_motors(k, friction, offset=False)
             torque = low.whole((out.measured[k] - own) @ model.eta)
-            rate = self._rates(gear_deflection(self.regressor.equations, torque))[1]
-            bend = (
-                gear_deflection(self.regressor.equations, torque - damping * rate)
-                + lags[:n_g] * torque
-            )
-            links = tuple(x - d for x, d in zip(state, self._rates(bend), strict=True))
-            out.links.append(links)
-            out.Y.append(self.motor_side(self.regressor(*links)))
-            harmonics = self._harmonics(links[0])
-            rows = self.F[k][:, :, :4], harmonics, self.F[k][:, :, 4 + harmonics.shape[2] :]
-            out.F.append(np.concatenate(rows, axis=2))
-            out.held.append(self._relief(links[0]))
+            links = self._links_under(k, torque, lags[:n_g])
+            out._append(self, k, links)
             changes = self.regressor.changes(links, pi, self._rates(-torque))
             total = (
                 out.Y[k] @ pi
@@ -268,18 +267,83 @@ class Columns:
             out.Z.append(np.concatenate([self.motor_side(changes), late], axis=2))
         return out
 
-    def below(self, limit: float) -> Columns:
-        """A copy with all terms low-passed to a limit [Hz], at fewer samples; infinite: no filter.
+    def bent_by_model(
+        self, pi: np.ndarray, friction: np.ndarray, delay: float, limit: float
+    ) -> Columns:
+        """All samples, where the gears bend as in the model file under the torques of these
+        numbers, and the recorded torques are late by ``delay`` [s].
 
-        `slow` filters, and eliminates the unknown friction of motors at standstill. ``moving``:
-        kept samples in motion; ``correlated``: kept samples for one that is independent.
+        The torques are those of a model with these numbers along the motion alone: the recorded
+        ones bend nothing. Each of `BENDS` rounds takes the loads of the links of the round before.
         """
         out = copy(self)
+        model = self.regressor.model
+        low = self._low_of_bends(limit)
+        zeros = np.zeros(model.n_g)
+        for _ in range(BENDS):
+            loads = []
+            for k in range(len(self.states)):
+                total = out.torques(pi, friction)[k]
+                own = self.known[k] + self.of_motors(k, friction)
+                loads.append(low.whole((total - own) @ model.eta))
+            out = copy(self)
+            out.links = []
+            out.Y = []
+            out.F = []
+            out.held = []
+            for k, load in enumerate(loads):
+                out._append(self, k, self._links_under(k, load, zeros))
+        out.measured = [self._late(k, delay) for k in range(len(self.states))]
+        return out
+
+    def _low_of_bends(self, limit: float) -> LowPass:
+        """Filter of the torques that bend gears."""
+        return LowPass(self.step, WIDEST / self.step if np.isinf(limit) else WIDER * limit)
+
+    def _late(self, k: int, delay: float) -> np.ndarray:
+        """Recorded torques (n, n_m) of motion k, a delay [s] later than the angles."""
+        at = np.clip(self.t[k] + delay, 0.0, self.t[k][-1])
+        return np.asarray(make_interp_spline(self.t[k], self.recorded[k], k=3)(at))
+
+    def _links_under(
+        self, k: int, torque: np.ndarray, compliances: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Angles of the links of motion k, with two derivatives, where torques (n, n_g) bend the
+        gears.
+        """
+        equations = self.regressor.equations
+        rate = self._rates(gear_deflection(equations, torque))[1]
+        elastic = gear_deflection(equations, torque - gear_damping(equations) * rate)
+        bend = self._rates(elastic + compliances * torque)
+        return tuple(x - d for x, d in zip(self.states[k], bend, strict=True))
+
+    def _append(self, before: Columns, k: int, links: tuple[np.ndarray, ...]) -> None:
+        """Terms of motion k, of columns before gears bend, along these angles of the links."""
+        self.links.append(links)
+        self.Y.append(self.motor_side(self.regressor(*links)))
+        harmonics = self._harmonics(links[0])
+        F = before.F[k]
+        rows = F[:, :, :4], harmonics, F[:, :, 4 + harmonics.shape[2] :]
+        self.F.append(np.concatenate(rows, axis=2))
+        self.held.append(self._relief(links[0]) + self.braking[k])
+
+    def below(self, limit: float, *, stiction: bool = False) -> Columns:
+        """A copy with all terms low-passed to a limit [Hz], at fewer samples; infinite: no filter.
+
+        `slow` filters, and eliminates the unknown friction of motors at standstill; with
+        ``stiction``, it stays in the torques. ``moving``: kept samples in motion; ``correlated``:
+        kept samples for one that is independent.
+        """
+        out = copy(self)
+        low = None if np.isinf(limit) else LowPass(self.step, limit)
         for name in TERMS:
-            setattr(out, name, [self.slow(k, x, limit) for k, x in enumerate(getattr(self, name))])
-        if np.isinf(limit):
+            rows = list(enumerate(getattr(self, name)))
+            if stiction:
+                setattr(out, name, [x if low is None else low(x) for _, x in rows])
+            else:
+                setattr(out, name, [self.slow(k, x, limit) for k, x in rows])
+        if low is None:
             return out
-        low = LowPass(self.step, limit)
         out.moving = [low.kept(x) for x in self.moving]
         out.step = self.step * low.every
         out.correlated = max(1.0, 0.5 / (limit * out.step))

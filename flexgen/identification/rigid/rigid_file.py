@@ -5,7 +5,7 @@ model file.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -54,8 +54,10 @@ class RigidIdentification(FitResult):
     """Result of `identify_bodies`: bodies, rotors and frictions of a rigid arm, and stiffnesses of
     its gears.
 
-    ``fit``; ``errors``: those of each motor relative to the standard deviation of its torque, one
-    row for each recording, by ``fitted``, and ``validated`` or ``left out``; ``gears``: by the
+    ``fit``; ``errors``: those of each motor relative to the standard deviation of its torque,
+    without friction at rest and at reversals, one row for each recording, by ``fitted``, and
+    ``validated`` or ``left out``; ``model_errors``: those of the torques of the new model, with
+    this friction, by ``fitted`` and ``validated``, see `RigidFit.model_errors`; ``gears``: by the
     joint, where a link has an encoder; ``source``: of the recordings; ``notes``: what was done to
     their files, as sentences.
     """
@@ -65,6 +67,7 @@ class RigidIdentification(FitResult):
     gears: dict[str, GearDeflection]
     source: str
     notes: tuple[str, ...] = ()
+    model_errors: dict[str, list[list[float]]] = field(default_factory=dict)
 
     @cached_property
     def fitted(self) -> tuple[FittedNumber, ...]:
@@ -163,8 +166,13 @@ def identify_bodies(
         fit = fit if ended else fit.validated(fitted, others)
     elif fit.left_out is not None:
         errors["left out"] = [fit.left_out.tolist()]
+    of_model = {"fitted": [fit.model_errors(motion).tolist() for motion in fitted]}
+    if others is not None:
+        of_model["validated"] = [fit.model_errors(motion).tolist() for motion in others]
     gears = gear_deflections(fit, data)
-    return RigidIdentification(fit, errors, gears, str(recordings), data.notes)
+    if not fit.status.has_deviations:
+        gears = {name: gear.without_interval(str(fit.status)) for name, gear in gears.items()}
+    return RigidIdentification(fit, errors, gears, str(recordings), data.notes, of_model)
 
 
 def near_file(fit: RigidFit, motions: Sequence[Motion]) -> RigidFit:
@@ -326,6 +334,8 @@ def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
         "# Standard deviations are in the units of the numbers.\n"
     )
     note = "" if fit.status.has_deviations else f"{fit.status}, no standard deviations"
+    if not fit.status.agrees:
+        head = "".join(f"# {line}\n" for line in (f"Status: {fit.status}.", *fit.texts)) + head
     sd = {name: f"{value:.2g}" for name, value in rigid_deviations(fit).items()}
     words = FileWords(source, head, note)
     return write_model(path, with_places(fit), rigid_numbers(fit), sd, words)

@@ -47,17 +47,16 @@ def rigid_model(
 def motors_of(
     model: RobotModel, friction: np.ndarray, fades: np.ndarray, speed: np.ndarray
 ) -> tuple[Motor, ...]:
-    """The motors with the friction and the inertia that were found; a number below zero is not a
-    valid result.
-    """
+    """The motors with the friction and the inertia that were found; see `in_a_file`."""
     out = []
+    numbers = in_a_file(model, friction, fades)
     for j, motor in enumerate(model.motors):
         ratio = float(np.abs(model.eta[j]).max())
-        viscous, coulomb, offset, rotor = friction[j, :4].tolist()
-        falling = max(float(friction[j, -2]), 0.0) if fades[j] else 0.0
+        viscous, coulomb, offset, rotor = numbers[j, :4].tolist()
+        falling = float(numbers[j, -2]) if fades[j] else 0.0
         law = Friction(
-            viscous=max(viscous / ratio, 0.0),
-            coulomb=max(coulomb, 0.0),
+            viscous=viscous / ratio,
+            coulomb=coulomb,
             beta=1.0 / (COULOMB_SPEED * float(speed[j]) * ratio)
             if max(coulomb, falling) > 0
             else 0.0,
@@ -65,6 +64,22 @@ def motors_of(
             alpha=float(fades[j]) / ratio if falling else 0.0,
             offset=offset,
         )
-        inertia = motor.inertia + rotor / ratio
-        out.append(replace(motor, friction=law, inertia=inertia if inertia > 0 else motor.inertia))
+        out.append(replace(motor, friction=law, inertia=motor.inertia + rotor / ratio))
     return tuple(out)
+
+
+def in_a_file(model: RobotModel, friction: np.ndarray, fades: np.ndarray) -> np.ndarray:
+    """Coefficients of the motors (n_m, columns) that a model file can have, near those found.
+
+    A friction below zero becomes zero; a rotor below zero keeps the inertia of the file; changes
+    of fades are zero.
+    """
+    out = np.array(friction)
+    ratio = np.abs(model.eta).max(axis=1)
+    out[:, :2] = np.maximum(out[:, :2], 0.0)
+    rotor = np.array([motor.inertia for motor in model.motors]) + out[:, 3] / ratio
+    out[rotor <= 0, 3] = 0.0
+    if fades.any():
+        out[:, -2] = np.where(fades > 0, np.maximum(out[:, -2], 0.0), 0.0)
+        out[:, -1] = 0.0
+    return out

@@ -20,6 +20,7 @@ from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.numerics.polynomial_filter import WINDOW, derivatives, smooth_forces
 from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
 from flexgen.dynamics.mechanics.equations import Equations
+from flexgen.dynamics.mechanics.force_laws import friction_torque
 from flexgen.identification.rigid.feasible_bodies import body_of, numbers_of
 from flexgen.model.abilities import check_ability
 from flexgen.model.elements import Body, RobotModel
@@ -139,6 +140,16 @@ class Regressor:
         numbers = np.broadcast_to(pi, (len(state[0]), len(pi)))
         n_a = self.model.n_a
         return evaluate(self._change, *state, numbers, *steps)[0].reshape(-1, n_a, n_a)
+
+    def joint_friction(self, v: np.ndarray) -> np.ndarray:
+        """Friction of the joints in the model file (n, n_a) [N m or N] at speeds (n, n_a)."""
+        speed = ca.SX.sym("speed", self.model.n_a)
+        laws = [None if c.dof is None else c.dof.friction for c in self.model.coordinates]
+        torque = [
+            ca.SX(0) if law is None else friction_torque(law, speed[i])
+            for i, law in enumerate(laws)
+        ]
+        return evaluate(ca.Function("friction", [speed], [ca.densify(ca.vertcat(*torque))]), v)[0]
 
     def bodies(self, pi: np.ndarray) -> tuple[Body, ...]:
         """Bodies with these numbers (10 bodies,)."""
