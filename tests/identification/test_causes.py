@@ -15,6 +15,7 @@ import flexgen
 from flexgen.base.errors import SolverError
 from flexgen.dynamics.mechanics.parameters import select, with_values
 from flexgen.identification.causes import explain as causes
+from flexgen.identification.causes import hypotheses
 from flexgen.identification.causes.hypotheses import masses_of, transform, with_sample_time
 from flexgen.identification.responses.parameters import ParameterVector
 from flexgen.identification.responses.residuals import Residuals
@@ -76,6 +77,27 @@ def test_a_fault_is_named_with_its_size(fault):
     assert found.causes[0].words == fault and found.causes[0].share > 0.99
     assert f"possible cause: {found.causes[0]}" in found.to_text()
     assert found.to_dict()["causes"][0]["words"] == fault
+
+
+@pytest.mark.parametrize("late, words", [(-1.5e-4, "earlier"), (1.5e-4, "later")])
+def test_a_delay_is_told_relative_to_the_stated_one(
+    late: float, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The record states 0.4 ms. Planted: a fit that begins at none, and tells the whole delay."""
+    stated = 4e-4
+    data = replace(measured(drive=Drive(5e-4, stated + late)), delay_s=stated)
+
+    def first() -> str:
+        found = flexgen.identify(
+            ROBOT, data, free=["stiffness", "damping"], starts=1, progress=False
+        )
+        assert found.status != FitStatus.FITTED
+        return found.causes[0].words
+
+    assert first() == f"torques that act 0.15 ms {words} than stated"
+    mute = hypotheses.numbers_of
+    monkeypatch.setattr(causes, "numbers_of", lambda vector, delay: mute(vector))
+    assert first() != f"torques that act 0.15 ms {words} than stated"
 
 
 @pytest.mark.slow

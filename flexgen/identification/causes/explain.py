@@ -240,7 +240,8 @@ def refit(residuals: Residuals, hypothesis: Hypothesis, x: np.ndarray) -> tuple[
             return cost, f"{words} of {stiffness:.2g} N m/rad", stiffness
         return cost, f"a missing spring {hypothesis.name} of {stiffness:.2g} N m/rad", stiffness
     cost, value = _refit_names(residuals, hypothesis.names, x)
-    return cost, hypothesis.say(value), value
+    size = value - hypothesis.stated
+    return cost, hypothesis.say(size), size
 
 
 def _refit_names(
@@ -249,7 +250,7 @@ def _refit_names(
     """The cost with more numbers free, and the first of them: over that of the file, where it is
     positive there.
     """
-    vector = extend(residuals.vector, names, model)
+    vector = extend(residuals.vector, names, model, residuals.data.delay_s)
     more = residuals.of(vector)
     fit = _search(more, _at(vector, residuals.vector, x))
     unknown = vector.unknowns[vector.names.index(names[0])]
@@ -290,14 +291,14 @@ def columns_of_numbers(
     """Derivatives of the residuals in the numbers that are not free; those without ties by one
     call.
     """
-    numbers = numbers_of(residuals.vector)
+    late = residuals.data.delay_s
+    numbers = numbers_of(residuals.vector, late)
     single = [number for number in numbers if len(number.names) == 1]
     for group in (single, *([number] for number in numbers if len(number.names) > 1)):
         with suppress(SolverError):  # the searches went where an equilibrium is not found anew
             names = tuple(name for number in group for name in number.names)
-            vector = extend(
-                residuals.vector, names, residuals.vector.model if group is single else None
-            )
+            model = residuals.vector.model if group is single else None
+            vector = extend(residuals.vector, names, model, late)
             J = as_real(*residuals.of(vector).weight(_at(vector, residuals.vector, x), True))[1]
             yield from ((number, J[:, vector.names.index(number.names[0])]) for number in group)
 

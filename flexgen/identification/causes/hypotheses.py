@@ -34,11 +34,13 @@ class Number:
     words for its value.
 
     ``names``: the first is fitted, the others are tied to it. The value is a factor to that of the
-    file, but for a number that is zero there.
+    file, but for a number that is zero there, and for one that the record states: there it is the
+    difference from ``stated``.
     """
 
     names: tuple[str, ...]
     say: Words
+    stated: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,10 @@ class Changed:
     gross: bool = False
 
 
-def numbers_of(vector: ParameterVector) -> list[Number]:
-    """Masses, rotor inertias, torque constants, delay and frictions that are not free."""
+def numbers_of(vector: ParameterVector, delay: float = 0.0) -> list[Number]:
+    """Masses, rotor inertias, torque constants, delay and frictions that are not free; ``delay``
+    [s]: of the torques, as the record states.
+    """
     model = vector.model
     bodies = [e.name for e in model.elements if e.body.mass > 0]
     out = [
@@ -78,7 +82,7 @@ def numbers_of(vector: ParameterVector) -> list[Number]:
                     _say_value(f"viscous friction of {name}", 1.0, "N m s/rad"),
                 )
             )
-    out.append(Number((DELAY,), _say_delay))
+    out.append(Number((DELAY,), _say_delay, delay))
     every = masses_of(model)
     if len(bodies) > 1:
         out.append(Number(every, _say_change("all masses", "larger", "smaller")))
@@ -99,10 +103,15 @@ def masses_of(model: RobotModel) -> tuple[str, ...]:
 
 
 def extend(
-    vector: ParameterVector, names: tuple[str, ...], model: RobotModel | None = None
+    vector: ParameterVector,
+    names: tuple[str, ...],
+    model: RobotModel | None = None,
+    delay: float = 0.0,
 ) -> ParameterVector:
     """The vector of a fit with more names: the first is free, the others follow it; with a model
     given all are free.
+
+    A delay of the torques begins at that of the record, ``delay`` [s].
     """
     ties = {name: u.name for u in vector.unknowns for name in u.tied}
     more = names[:1] if model is None else names
@@ -112,10 +121,11 @@ def extend(
     least = {
         p.name: LEAST[p.name.partition(".")[2]] for p in select(robot, zero) if p.value == 0.0
     }
+    late = {name: delay for name in more if name == DELAY}
     return ParameterVector(
         robot,
         [*vector.names, *more],
-        start={u.name: u.start for u in vector.unknowns} | least,
+        start={u.name: u.start for u in vector.unknowns} | least | late,
         bounds={u.name: (u.lower, u.upper) for u in vector.unknowns},
         priors={u.name: u.prior_sd for u in vector.unknowns},
         ties=ties,
