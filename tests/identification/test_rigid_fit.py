@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from enlarged import rescaled
 from numpy.testing import assert_allclose
+from rigid_records import H, described, swung
 
 import flexgen
 from flexgen.base.errors import ArgumentError
@@ -26,8 +27,6 @@ from flexgen.identification.rigid.rigid_columns import COULOMB_SPEED, Columns
 from flexgen.identification.rigid.rigid_regressor import Motion, Regressor
 from flexgen.model.elements import Body, RobotModel
 
-H = 4e-3
-
 
 def balanced() -> RobotModel:
     """The rigid elbow with two harmonics in the counterbalance of q1."""
@@ -38,22 +37,6 @@ def balanced() -> RobotModel:
         for d in e0.dofs
     )
     return replace(model, elements=(replace(e0, dofs=dofs), *model.elements[1:]))
-
-
-def swung(model: RobotModel, count: int = 600) -> Motion:
-    t = H * np.arange(count)
-    q = np.stack([0.9 * np.sin(3.1 * t + 0.3), 0.7 * np.cos(4.3 * t)], axis=1)
-    v = np.stack([0.9 * 3.1 * np.cos(3.1 * t + 0.3), -0.7 * 4.3 * np.sin(4.3 * t)], axis=1)
-    a = -(np.array([3.1, 4.3]) ** 2) * q
-    e = flexgen.derive(model).function("inverse_dynamics").map(count)
-    arm = np.array(e(q.T, v.T, a.T)).T
-    inertia = np.array([m.inertia for m in model.motors])
-    friction = (
-        np.array([0.02, 0.03]) * (v @ model.eta.T)
-        + np.array([0.5, 0.8]) * np.tanh(v / 5e-4)
-        + np.array([0.1, -0.2])
-    )
-    return Motion(t, q, arm @ np.linalg.inv(model.eta) + inertia * (a @ model.eta.T) + friction)
 
 
 def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
@@ -358,20 +341,6 @@ def test_a_deflection_is_that_of_least_squares() -> None:
     assert gear_deflection(t[:1250], q[:1250], link[:1250], tau[:1250]).stiffness is not None
     with pytest.raises(ArgumentError, match=r"deflection: given 5 s, expected 5\.0 s at least"):
         gear_deflection(t[:1249], q[:1249], link[:1249], tau[:1249])
-
-
-def described(folder: Path, name: str, motion: Motion, model: RobotModel) -> Path:
-    """A description of the recorded angles and torques of both motors."""
-    q_m = motion.q @ model.eta.T
-    columns = {"t": motion.t, "u1": motion.tau_m[:, 0], "u2": motion.tau_m[:, 1]}
-    np.savez(folder / f"{name}.npz", **columns, q1=q_m[:, 0], q2=q_m[:, 1])
-    text = 'model = "elbow@rigid"\nhold = "zoh"\n[time]\nname = "t"\nunit = "s"\n'
-    for k in (1, 2):
-        for kind, column, unit in (("torque", f"u{k}", "N m"), ("angle", f"q{k}", "rad")):
-            text += f'[[{kind}]]\nmotor = "m{k}"\nname = "{column}"\nunit = "{unit}"\n'
-            text += 'side = "motor"\n'
-    (folder / f"{name}.toml").write_text(f'{text}[[recording]]\nfile = "{name}.npz"\n')
-    return folder / f"{name}.toml"
 
 
 def test_bodies_are_identified_from_described_recordings(tmp_path: Path) -> None:

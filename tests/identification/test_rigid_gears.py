@@ -10,6 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from rigid_records import (
+    COULOMB,
+    DAMPING,
+    OFFSET,
+    STIFFNESS,
+    VISCOUS,
+    H,
+    derivative,
+    recorded,
+    soft,
+)
 
 import flexgen
 from flexgen.base.errors import ArgumentError
@@ -22,54 +33,6 @@ from flexgen.identification.rigid.rigid_regressor import Motion, Regressor
 from flexgen.model.elements import RobotModel
 
 ROOT = Path(__file__).resolve().parents[2]
-
-H = 4e-3
-N = 2500  # samples of a period of 10 s
-STIFFNESS = np.array([6e5, 4e5])  # N m/rad: deflections of 5 mrad
-DAMPING = np.array([300.0, 150.0])  # N m s/rad
-VISCOUS = np.array([0.02, 0.03])
-COULOMB = np.array([0.5, 0.8])
-OFFSET = np.array([0.1, -0.2])
-
-
-def soft(stiffness: np.ndarray = STIFFNESS) -> RobotModel:
-    names = {}
-    damping = DAMPING if stiffness is STIFFNESS else 0.01 * DAMPING
-    for place, k, d in zip(("upper.dof.q1", "fore.dof.q2"), stiffness, damping, strict=True):
-        names |= {f"element.{place}.gear.spring.stiffness": k, f"element.{place}.gear.damping": d}
-    return flexgen.read("elbow", overrides=names)
-
-
-def derivative(x: np.ndarray, order: int) -> np.ndarray:
-    """Of one period (n, ...), by its Fourier series."""
-    w = 2j * np.pi * np.fft.rfftfreq(len(x), H)[:, None]
-    return np.fft.irfft(np.fft.rfft(x, axis=0) * w**order, len(x), axis=0)
-
-
-def recorded(
-    late: float = 0.0, noise: float = 0.0, seed: int = 0, damping: np.ndarray = DAMPING
-) -> Motion:
-    """A periodic motion of the links; motors ahead of them by the deflections of springs and
-    dampers.
-    """
-    model = flexgen.read("elbow@rigid")
-    rng = np.random.default_rng(seed)
-    t = H * np.arange(N)
-    lines = np.array([2, 5, 9, 14])
-    size = rng.uniform(0.1, 0.4, (2, 4)) / np.sqrt(lines)
-    phase = rng.uniform(0, 6, (2, 4))
-    angle = 2 * np.pi * lines * t[:, None, None] / (N * H) + phase
-    q = (size * np.sin(angle)).sum(axis=2)
-    e = flexgen.derive(model).function("inverse_dynamics").map(N)
-    arm = np.array(e(q.T, derivative(q, 1).T, derivative(q, 2).T)).T
-    w = 2j * np.pi * np.fft.rfftfreq(N, H)[:, None]
-    motors = q + np.fft.irfft(np.fft.rfft(arm, axis=0) / (STIFFNESS + w * damping), N, axis=0)
-    v = derivative(motors, 1) @ model.eta.T
-    a = derivative(motors, 2) @ model.eta.T
-    tau = arm @ np.linalg.inv(model.eta) + np.array([m.inertia for m in model.motors]) * a
-    tau += VISCOUS * v + COULOMB * np.tanh(v / np.abs(np.diag(model.eta)) / 5e-4) + OFFSET
-    shifted = np.fft.irfft(np.fft.rfft(tau, axis=0) * np.exp(-w * late), N, axis=0)
-    return Motion(t, motors, shifted + noise * rng.standard_normal(tau.shape))
 
 
 def check(found: RigidFit, compliance: np.ndarray, late: float, other: Motion) -> None:

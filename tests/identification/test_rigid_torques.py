@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_rigid_fit import H, described, swung
-from test_rigid_gears import DAMPING, STIFFNESS, derivative, recorded, soft
+from rigid_records import DAMPING, STIFFNESS, H, derivative, described, recorded, soft, swung
 
 import flexgen
 from flexgen.base.numerics.low_pass import LowPass
@@ -68,7 +67,8 @@ def test_torques_are_those_of_the_written_file(
     """
     random = np.random.default_rng(seed)
     text = Path(flexgen.read("elbow@rigid").file).read_text(encoding="utf-8")
-    mass, com = random.uniform(5, 60), random.uniform(-0.1, 0.1, 3).tolist()
+    mass = random.uniform(5, 60)
+    com = random.uniform(-0.1, 0.1, 3).tolist()
     load = f"\n[payload]\nmass = {mass}\ncom = {com}\n"
     (tmp_path / "arm.toml").write_text(text + load, encoding="utf-8")
     joint = {"element.fore.dof.q2.friction": {"viscous": random.uniform(50, 200)}}
@@ -167,7 +167,8 @@ def test_errors_of_the_file_have_friction_at_rest() -> None:
     model = flexgen.read("elbow@rigid")
     motion = resting(model)
     found = identify_rigid(model, [motion], parts=0)
-    bodies, file = found.relative_errors(motion), found.model_errors(motion)
+    bodies = found.relative_errors(motion)
+    file = found.model_errors(motion)
     assert (bodies < 0.01).all() and (file > 2 * bodies).any()
     low = LowPass(H, found.limit_hz)
     error = low(motion.torques - found.torques(motion))
