@@ -230,6 +230,7 @@ _NOUNS = {
     "Analysis": "flexgen.analysis.analyze",
     "Calibration": "flexgen.identification.poses.result",
     "Box": "flexgen.identification.experiments.obstacles",
+    "Carrier": "flexgen.model.moves",
     "Cascade": "flexgen.feedback.loop.controllers",
     "Check": "flexgen.studies.check.finding",
     "CollisionDetector": "flexgen.feedback.observers.collision",

@@ -107,6 +107,7 @@ from flexgen.model.catalogue.catalogue import describe as describe
 from flexgen.model.catalogue.catalogue import models as models
 from flexgen.model.catalogue.json_schema import schema as schema
 from flexgen.model.elements import RobotModel as RobotModel
+from flexgen.model.moves import Carrier as Carrier
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import MoveC as MoveC
 from flexgen.model.moves import MoveJ as MoveJ

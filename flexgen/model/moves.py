@@ -145,6 +145,29 @@ Step = MoveJ | MoveL
 
 @checked_class
 @dataclass(frozen=True)
+class Carrier:
+    """Motion of the frame of a workpiece during a move of the tool, in proportion to the path: it
+    is moved by ``displacement`` [m] and turned by the rotation vector ``rotation`` [rad] about
+    ``origin`` [m], all in world axes.
+
+    The path is stated as if the frame stayed where it is at the start.
+
+    Examples
+    --------
+    >>> turn = flexgen.Carrier(origin=(0.5, 0.0, 0.0), rotation=(0.0, 0.2, 0.0))
+    >>> start, way = (0.5, -0.3), (0.1, 0.0, 0.2)  # rad, m
+    >>> seam = flexgen.Move("seam", "tool_line", start, 1.0, 5, displacement=way, carrier=turn)
+    >>> flexgen.plan("elbow", seam).duration
+    1.0
+    """
+
+    origin: Vector = (0.0, 0.0, 0.0)
+    displacement: Vector = (0.0, 0.0, 0.0)
+    rotation: Vector = NO_ROTATION
+
+
+@checked_class
+@dataclass(frozen=True)
 class Move:
     """A named reference move that starts and ends at rest.
 
@@ -175,7 +198,8 @@ class Move:
     (two bounds: the speed, three: the acceleration, ...); another value means polynomial changes
     of speed. A rotation of the tool by an angle is counted as a path length of ``radius`` [m]
     times the angle. Or ``duration`` and ``timing``, see
-    `flexgen.paths.timing.time_laws.SplineLaw`.
+    `flexgen.paths.timing.time_laws.SplineLaw`. ``carrier``: motion of the workpiece during a move
+    of the tool with a ``duration``.
 
     Examples
     --------
@@ -207,6 +231,7 @@ class Move:
     target: PoseTarget | None = None
     where: Where | None = field(default=None, compare=False, repr=False)
     smooth: float = 0.0
+    carrier: Carrier | None = None
 
     __repr__ = short_repr
 
@@ -335,6 +360,12 @@ class WorkFrame:
         }
         changed["legs"] = tuple(self.place_step(leg) for leg in move.legs)
         changed["target"] = None if move.target is None else self._place_target(move.target)
+        if move.carrier is not None:
+            changed["carrier"] = Carrier(
+                self._shift(move.carrier.origin),
+                self._turn(move.carrier.displacement),
+                self._turn(move.carrier.rotation),
+            )
         if isinstance(move, Program):
             changed["steps"] = tuple(self.place_step(step) for step in move.steps)
         return replace(move, **changed)

@@ -161,7 +161,7 @@ class Path(Result):
         Raises
         ------
         ArgumentError
-            A part of the path is a spline through samples.
+            A part of the path is a spline through samples, or in a frame that moves.
         """
         from flexgen.paths.path_table import path_table
 

@@ -38,6 +38,7 @@ import numpy as np
 
 from flexgen.base.errors import ArgumentError
 from flexgen.paths.geometry.blended_curve import BUMP, BlendedCurve, Section
+from flexgen.paths.geometry.carried_curve import CarriedCurve
 from flexgen.paths.geometry.jets import quaternion
 from flexgen.paths.geometry.segments import Arc, Line, Segment, WithAngle
 from flexgen.paths.reference import Reference
@@ -63,7 +64,7 @@ def path_table(
     Raises
     ------
     ArgumentError
-        The path has a part that is a spline through samples.
+        The path has a part that is a spline through samples, or in a frame that moves.
     """
     model = reference.model
     axes = np.zeros(model.output.size)
@@ -89,9 +90,14 @@ def _block(*parts: Any) -> np.ndarray:
 
 
 def _segment(segment: TimedSegment, name: str) -> np.ndarray:
-    """Numbers of a timed segment: start, duration, space, law, curve; ArgumentError for a spline
-    through samples, which the sampler in C does not know.
+    """Numbers of a timed segment: start, duration, space, law, curve; ArgumentError for a curve
+    that the sampler in C does not know.
     """
+    if isinstance(segment.curve, CarriedCurve):
+        raise ArgumentError(
+            f"table: given move {name} in a frame that moves, expected one in a frame at rest; "
+            "sample it with Path.sample and store the samples"
+        )
     if not isinstance(segment.curve, BlendedCurve):
         raise ArgumentError(
             f"table: given move {name}, a spline through samples, expected lines, arcs, joint "

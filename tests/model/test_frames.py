@@ -61,7 +61,7 @@ def test_moves_in_a_frame_are_those_in_the_world(tmp_path: Path) -> None:
         texts.append(text)
     robot = posed()
     for one, other in zip(*(moves_of(text, tmp_path, robot) for text in texts), strict=True):
-        for t in ([0.0, 0.3, 0.7, 1.0],):
+        for t in (np.array([0.0, 0.3, 0.7, 1.0]),):
             a = flexgen.plan(robot, one, ignore_limits=True).sample(t)
             b = flexgen.plan(robot, other, ignore_limits=True).sample(t)
             np.testing.assert_allclose(a.y, b.y, atol=1e-9)
@@ -76,7 +76,7 @@ def test_steps_of_a_program_end_where_the_frame_has_them(tmp_path: Path) -> None
         tmp_path,
         robot,
     )
-    before = flexgen.plan(robot, start, ignore_limits=True).sample([0.0])
+    before = flexgen.plan(robot, start, ignore_limits=True).sample(np.zeros(1))
     assert before.R is not None
     end = before.y[0, :, 0] + [0.02, 0.03, -0.04]
     local = (R.T @ (end - PLACE)).tolist()
@@ -90,7 +90,7 @@ def test_steps_of_a_program_end_where_the_frame_has_them(tmp_path: Path) -> None
     )
     (program,) = moves_of(text, tmp_path, robot)
     path = flexgen.plan(robot, program, ignore_limits=True)
-    after = path.sample([path.segments[0].law.duration, path.duration])
+    after = path.sample(np.array([path.segments[0].law.duration, path.duration]))
     assert after.R is not None
     np.testing.assert_allclose(after.y[0, :, 0], end, atol=1e-9)
     np.testing.assert_allclose(after.R[0], before.R[0], atol=1e-9)

@@ -44,7 +44,7 @@ from flexgen.model.format.format_robot import (
     SPRING,
     friction,
 )
-from flexgen.model.format.format_tasks import FRAME, LEG, MOVE, OUTPUT
+from flexgen.model.format.format_tasks import CARRIED, FRAME, LEG, MOVE, OUTPUT
 from flexgen.model.position_servo.keys import LOW_PASS, NOTCH, SERVO_TABLE
 from flexgen.studies.scenarios import scenario_file as scenario
 from flexgen.studies.sweeps.grid_file import GRID, RANDOM
@@ -84,6 +84,7 @@ TABLES: dict[str, Form] = {
     "`[output]`": OUTPUT,
     "`[[frame]]`": FRAME,
     "`[[move]]`": MOVE,
+    "`carried` of a move": CARRIED,
     "`legs` of a move": LEG,
     "`[[program]]`": PROGRAM,
     "`[[program.step]]`": STEP,

@@ -23,6 +23,9 @@ def model_digest(model: RobotModel) -> str:
 NEWER = (
     "target",
     "configuration",
+    "Move.carrier",
+    "Program.carrier",
+    "JointMotion.carrier",
     "turns",
     "counterbalance",
     "hysteresis",

@@ -27,6 +27,7 @@ from flexgen.base.spec.keys import (
     listed,
     name,
     number,
+    sub,
     text,
     vector,
     whole,
@@ -43,7 +44,7 @@ from flexgen.model.elements import (
     coordinates_of,
 )
 from flexgen.model.format.format_robot import PLACEMENT, RPY
-from flexgen.model.moves import DEGREES, RADIUS, Move, MoveC, MoveL, PoseTarget, WorkFrame
+from flexgen.model.moves import DEGREES, RADIUS, Carrier, Move, MoveC, MoveL, PoseTarget, WorkFrame
 
 PROFILE_MAX = 8  # number of bounds: the speed and seven of its derivatives
 MOST_TURNS = 100
@@ -293,10 +294,47 @@ FRAME_OF_STEP = replace(
 )
 
 
+def _read_vector_of_angles(table: Table, key: Key, here: Context) -> Vector:
+    """A rotation vector [rad]."""
+    return table.angles(key.name, (True,) * 3)
+
+
+CARRIED = Format(
+    "motion of the frame of a move, in proportion to the path; its axes at the start",
+    (
+        Key("displacement", vector(3), "displacement of the frame", "m", ZERO),
+        Key(
+            "rotation",
+            Type(_read_vector_of_angles, vector(3).schema, angle=True),
+            "rotation vector of the frame, about its origin",
+            "rad",
+            ZERO,
+        ),
+    ),
+    make=partial(Carrier, ZERO),
+)
+
+
+def _check_carried(table: Table, here: Context) -> None:
+    """Refuse a moving frame without a frame, or of a move without a duration."""
+    if here.values["carried"] is None:
+        return
+    if here.values["frame"] is None:
+        raise table.fail("carried", "a move with a frame", "no frame")
+    if "profile" in table:
+        raise table.fail("carried", "a duration and a smoothness", "a profile")
+
+
+CARRIED_KEY = Key(
+    "carried", sub(CARRIED), CARRIED.doc, default=None, check=_check_carried, attribute="carrier"
+)
+
+
 def in_frame(make: Callable[..., Any], **values: Any) -> Any:
     """A move in world axes, from one that is stated in a frame."""
     frame = values.pop("frame")
-    made = make(**values)
+    carrier = values.pop("carried", None)
+    made = make(**values) if carrier is None else make(carrier=carrier, **values)
     return made if frame is None else frame.place(made)
 
 
@@ -539,7 +577,7 @@ _LEGS = Key("legs", listed(LEG, plural=False), "lines and arcs")
 def _of_tool(doc: str, *keys: Key) -> Format:
     return Format(
         doc,
-        (FRAME_KEY, _START, *_time(), RADIUS_KEY, *keys),
+        (FRAME_KEY, CARRIED_KEY, _START, *_time(), RADIUS_KEY, *keys),
         partial(in_frame, Move),
         before=_needs_tool,
         where=True,

@@ -14,6 +14,7 @@ from flexgen.dynamics.mechanics.output_columns import output_units
 from flexgen.model.elements import OF_ROTATION
 from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Vector, Where
 from flexgen.paths.geometry.blended_curve import MIN_CORNER_SPEED, BlendedCurve
+from flexgen.paths.geometry.carried_curve import CarriedCurve
 from flexgen.paths.geometry.jets import (
     Attitude,
     axis_angle,
@@ -116,10 +117,38 @@ class _Planner:
             segments = self._plan_samples()
         else:
             space, curve, speeds = self._curve()
+            curve = self._carried(space, curve)
             segments = [TimedSegment(space, curve, self._law(space, curve, speeds))]
         for segment in segments:
             self._check_axes(segment)
         return PlannedMove(tuple(segments), self.q_g)
+
+    def _carried(self, space: str, curve: Curve) -> Curve:
+        """The curve in the frame that carries the workpiece, if it moves."""
+        carrier = self.move.carrier
+        if carrier is None:
+            return curve
+        if space != "tool" or self.move.profile:
+            raise wrong(
+                self.move.where,
+                self.name,
+                "carrier",
+                f"a {self.move.type}" if space != "tool" else "a profile",
+                "a move of the tool with a duration and a smoothness",
+            )
+        for key in ("origin", "displacement", "rotation"):
+            self._numbers(key, getattr(carrier, key), 3)
+        output = self.model.output
+        if output.has_angle and output.is_tilted_by(tuple(carrier.rotation)):
+            raise wrong(
+                self.move.where,
+                self.name,
+                "carrier",
+                list(carrier.rotation),
+                f"a rotation about the axis of the output, {output.axis_text}: a multiple of it",
+            )
+        axis = np.array(output.rotation_axis) if output.has_angle else None
+        return CarriedCurve(curve, carrier, axis)
 
     def _check_axes(self, segment: TimedSegment) -> None:
         """Refuse a motion of the tool along an axis that is not an output: it would not be carried
