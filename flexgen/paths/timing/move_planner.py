@@ -117,13 +117,13 @@ class _Planner:
             segments = self._plan_samples()
         else:
             space, curve, speeds = self._curve()
-            curve = self._carried(space, curve)
+            curve = self._carry(space, curve)
             segments = [TimedSegment(space, curve, self._law(space, curve, speeds))]
         for segment in segments:
             self._check_axes(segment)
         return PlannedMove(tuple(segments), self.q_g)
 
-    def _carried(self, space: str, curve: Curve) -> Curve:
+    def _carry(self, space: str, curve: Curve) -> Curve:
         """The curve in the frame that carries the workpiece, if it moves."""
         carrier = self.move.carrier
         if carrier is None:
