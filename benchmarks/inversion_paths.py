@@ -31,6 +31,7 @@ ROBOTS = {  # and the target, ms per second of path
     "planar5_mp": 0.2,
     "planar5_nmp": 0.2,
     "planar5_soft": 0.2,
+    "kr300_balancer": 1.2,
     "manutec_r3_18": 1.2,
     "manutec_r3_24": 2.0,
     "manutec_r3_30": 3.8,

@@ -196,6 +196,42 @@ def test_the_tension_is_the_slope_of_the_energy(name: str) -> None:
         assert tension(line, length, 0.0) == pytest.approx(force, rel=1e-12)
 
 
+# Weights of the elbow arm on its first and second angle; q1 is measured from the vertical.
+WEIGHT_1 = 9.81 * (339.12 * 0.441 + 190.25 * 1.150)  # N m
+WEIGHT_2 = 9.81 * 190.25 * 0.465
+HEIGHT, RADIUS = 0.6, 0.2  # m, of the ends below and behind the first joint
+
+
+def torques_at_rest(line: dict[str, Any], q: np.ndarray) -> np.ndarray:
+    """Torques (n, 2) [N m] that hold the elbow arm with a line from 0.6 m below its first joint to
+    0.2 m behind it on the upper arm.
+    """
+    points = {"from": end("base", 0, 0, -HEIGHT), "to": end("upper", 0, 0, -RADIUS)}
+    robot = flexgen.read("elbow", overrides={"line": [{"name": "line"} | points | line]})
+    equations = flexgen.derive(robot)
+    held = evaluate(equations.function("gravity"), q)[0]
+    return np.asarray(held - evaluate(equations.function("arm_forces"), q, 0 * q)[0])
+
+
+def test_a_spring_without_free_length_carries_the_upper_arm_in_all_poses() -> None:
+    q = np.random.default_rng(0).uniform(-1.5, 1.5, (100, 2))
+    line = {"type": "spring", "stiffness": WEIGHT_1 / (HEIGHT * RADIUS), "length": 0.0}
+    rest = -WEIGHT_2 * np.cos(q.sum(axis=1))
+    expected = np.stack([rest, rest], axis=1)
+    assert np.abs(torques_at_rest(line, q) - expected).max() < 1e-9 * WEIGHT_1
+
+
+def test_a_gas_spring_has_the_moment_of_the_law_of_cosines() -> None:
+    q = np.random.default_rng(1).uniform(-1.5, 1.5, (100, 2))
+    gas = {"area": 2e-3, "pressure": 1e7, "volume": 4e-3, "exponent": 1.2}
+    line = {"type": "gas_spring", "acts": "pull", **gas, "length": 0.3, "stroke": 0.5}
+    length = np.sqrt(HEIGHT**2 + RADIUS**2 - 2 * HEIGHT * RADIUS * np.cos(q[:, 0]))
+    pressure = 1e7 * (4e-3 / (4e-3 - 2e-3 * (length - 0.3))) ** 1.2
+    moment = (pressure - 101325.0) * 2e-3 * HEIGHT * RADIUS * np.sin(q[:, 0]) / length
+    weight = -WEIGHT_1 * np.sin(q[:, 0]) - WEIGHT_2 * np.cos(q.sum(axis=1))
+    assert np.abs(torques_at_rest(line, q)[:, 0] - weight - moment).max() < 1e-9 * WEIGHT_1
+
+
 def test_the_power_of_motors_and_losses_is_the_rate_of_the_energy() -> None:
     equations = flexgen.derive(robot("push", "rod", "balancer"))
     model = equations.model

@@ -1,4 +1,12 @@
 """Names of the templates, each a file ``NAME.toml`` in this folder."""
 
 FLEXIBLE_LINK = "flexible-link"
-TEMPLATES = ("planar", "gantry", "scara", "palletizer", "six-axis", FLEXIBLE_LINK)
+TEMPLATES = (
+    "planar",
+    "gantry",
+    "scara",
+    "palletizer",
+    "six-axis",
+    "counterbalanced",
+    FLEXIBLE_LINK,
+)
