@@ -248,6 +248,10 @@ def _find_mechanisms(robot: RobotModel) -> str:
     return _list_names(robot, found, "axes moved by mechanisms")
 
 
+def _find_loops(robot: RobotModel) -> str:
+    return _list_names(robot, [loop.name for loop in robot.loops], "closed loops")
+
+
 def _find_counterbalances(robot: RobotModel) -> str:
     found = [c.name for c in robot.coordinates if c.dof is not None and c.dof.counterbalance]
     return _list_names(robot, found, "a counterbalance")
@@ -498,6 +502,22 @@ FEATURES: tuple[Feature, ...] = (
         "none",
         "model the axis as fixed",
         refused={"symbolic": NOT_IN_TEXT},
+    ),
+    Feature(
+        "kinematic loops",
+        "Frames of two bodies coincide: the tables `[[loop]]`, with joints that are `passive`.",
+        _find_loops,
+        "none",
+        "model the mechanism by the key mimic, if it is a parallelogram, or leave it out",
+        refused={
+            "identify_rigid": "its regressor is that of trees",
+            "calibrate": "its geometry is that of trees",
+            "symbolic": NOT_IN_TEXT,
+            "export_mujoco": "MuJoCo's equality constraints are soft: its loops open under load",
+            "export_urdf": "URDF describes trees alone",
+        },
+        own=("export_urdf",),
+        parts={"batches of moves": "expected none"},
     ),
     Feature("branches", "Several elements have one parent: a tree.", _find_branches),
     Feature(

@@ -143,9 +143,11 @@ class Dof:
     """One degree of freedom: rotation about, or translation along, a unit axis of the preceding
     frame.
 
-    Exactly one of ``gear`` (actuated), ``spring`` (non-actuated) and ``mimic`` is given; with
-    ``mimic``, pairs (name, factor) of coordinates, ``q = sum factor q_name``: a mechanism, whose
-    moments act on those. ``friction``: arm side. ``counterbalance``: pairs (s_k, c_k) [N m] of the
+    Exactly one of ``gear`` (actuated), ``spring`` (non-actuated), ``mimic`` and ``passive`` is
+    given; with ``mimic``, pairs (name, factor) of coordinates, ``q = sum factor q_name``: a
+    mechanism, whose moments act on those. ``passive`` [rad or m]: position near which closed loops
+    hold the joint at home; it has no coordinate, since the loops determine it from the others.
+    ``friction``: arm side. ``counterbalance``: pairs (s_k, c_k) [N m] of the
     torque ``sum_k s_k sin(k q) + c_k cos(k q)``, k = 1, 2, ..., that acts on a rotation, as of a
     gas spring or a weight between it and the element before.
     ``lower``, ``upper`` [rad or m], ``speed_max`` [rad/s or m/s], ``acceleration_max``, and
@@ -166,11 +168,17 @@ class Dof:
     deflection_max: float | None = None
     counterbalance: tuple[tuple[float, float], ...] = ()
     mimic: tuple[tuple[str, float], ...] = ()
+    passive: float | None = None
 
     @property
     def actuated(self) -> bool:
         """Whether a gear connects it to a motor."""
         return self.gear is not None
+
+    @property
+    def dependent(self) -> bool:
+        """Whether coordinates determine it, by a mechanism or by closed loops."""
+        return bool(self.mimic) or self.passive is not None
 
 
 @dataclass(frozen=True)
@@ -205,6 +213,30 @@ class Element:
     body: Body = Body()
     beam: Beam | None = None
     parent: str | None = None
+
+
+@dataclass(frozen=True)
+class LoopFrame(Placement):
+    """An end of a closed loop: a pose in the body frame of ``element``, or in the frame of the
+    base for ``"base"``.
+    """
+
+    element: str = "base"
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A closed loop: the frames ``start`` and ``end`` of two bodies coincide.
+
+    ``type``: ``"point"``, the origins coincide (3 equations, 2 of them independent in a planar
+    loop), as of a spherical bearing or of a pin in a plane; ``"axis"``, also the z axes (5), as of
+    a pin; ``"pose"``, all axes (6), as of one body that is cut into two.
+    """
+
+    name: str
+    type: str
+    start: LoopFrame
+    end: LoopFrame
 
 
 @dataclass(frozen=True)
@@ -343,7 +375,7 @@ def coordinates_of(elements: Sequence[Element]) -> tuple[Coordinate, ...]:
     """The arm coordinates of some elements, in their order."""
     out: list[Coordinate] = []
     for element in elements:
-        for dof in (dof for dof in element.dofs if not dof.mimic):
+        for dof in (dof for dof in element.dofs if not dof.dependent):
             unit = "rad" if dof.type == "rotation" else "m"
             out.append(Coordinate(dof.name, unit, dof.actuated, element.name, dof))
         if element.beam is not None:
@@ -410,6 +442,7 @@ class RobotModel:
     servo: Any = None  # ServoTable of flexgen.model.position_servo.keys
     temperature: Any = 20.0  # [deg C], a number; a symbol where it is a run-time parameter
     lines: tuple[Line, ...] = ()  # springs, gas springs, rods and cables between two points
+    loops: tuple[Loop, ...] = ()  # frames of two bodies that coincide
     # by the name of the degree of freedom; no part of the data of the robot
     urdf_joints: Mapping[str, UrdfJoint] = field(default_factory=dict, compare=False, repr=False)
     # of `flexgen.read`: what the file and the variant do not have; for new model files
@@ -431,6 +464,7 @@ class RobotModel:
             "motor": self.motors,
             "sensor": self.sensors,
             "line": self.lines,
+            "loop": self.loops,
         }
         for kind, group in named.items():
             for one in group:

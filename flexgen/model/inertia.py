@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from flexgen.model.elements import Body, Placement, RobotModel
+from flexgen.model.format.closure import closed_values, dependence, shares
 
 _SINGULAR = (
     # smallest eigenvalue of the inertia matrix scaled to unit diagonal: rounding errors of some
     # tens of bodies
     1e-13
 )
+_NEAR = 0.02  # distance from home [rad, m] at which closed loops can be closed
 _POSES = 3  # at a single pose axes may be aligned by chance
 
 
@@ -24,9 +26,14 @@ def massless_coordinates(model: RobotModel) -> tuple[str, ...]:
     if any(element.beam is not None for element in model.elements):
         return ()
     rng = np.random.default_rng(1)
+    home = np.zeros(model.n_a)
+    home[list(model.i_g)] = model.home
     found: tuple[str, ...] = ()
     for _ in range(_POSES):
-        found = _massless(model, mass_matrix(model, rng.uniform(-1.0, 1.0, model.n_a)))
+        q_a = rng.uniform(-1.0, 1.0, model.n_a)
+        if model.loops:
+            q_a = home + _NEAR * q_a
+        found = _massless(model, mass_matrix(model, q_a))
         if not found:
             return ()
     return found
@@ -89,15 +96,17 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
         p = p + R @ np.array(placement.position)
         R = R @ np.array(placement.rotation)
 
+    at = closed_values(model, q_a)
+    slopes = dependence(model, at)
+    sums = shares(model)
     tips = {"base": (R, p, columns)}
     for element in model.elements:
         R, p, columns = tips[model.parents[element.name]]
         advance(element.origin)
         for dof in element.dofs:
             axis = np.array(dof.axis)
-            moved = dict(dof.mimic) or {dof.name: 1.0}
-            share = np.array([moved.get(name, 0.0) for name in names])
-            value = share @ q_a
+            share = np.array([slopes[dof.name].get(name, 0.0) for name in names])
+            value = sum(x * at[name] for name, x in sums[dof.name].items())
             columns = (*columns, (share, dof.type == "rotation", R @ axis, p))
             if dof.type == "rotation":
                 x, y, z = axis

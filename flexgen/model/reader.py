@@ -286,6 +286,10 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
     robot = RobotModel(
         **found, variant=variant, variants=variants, file=root.file, text=_canonical(root)
     )
+    if robot.loops or any(dof.passive is not None for e in robot.elements for dof in e.dofs):
+        from flexgen.model.format.loop_checks import check_loops
+
+        check_loops(root, robot)
     if robot.lines:
         from flexgen.model.format.line_checks import check_lines
 

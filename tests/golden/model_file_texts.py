@@ -93,14 +93,13 @@ def valid_files(folder: Path) -> Iterator[str]:
         )
     for name in WRITTEN:
         source = ROOT / "models" / f"{name}.toml"
-        if name == "everything":  # but the beam, which a URDF file cannot have
+        if name == "everything":  # but beam and loop, which a URDF file cannot have
             source = everything(folder)
-            before, _, rest = source.read_text().partition('[[element]]\nname = "b"')
-            source.write_text(
-                (before + rest[rest.index("[[motor]]") :]).replace(
-                    "mass = 2 }", "mass = 2, inertia = [1, 1, 1] }"
-                )
-            )
+            before, _, rest = source.read_text().partition('[[element]]\nname = "left"')
+            tree = before + rest[rest.index("[[motor]]") :]
+            before, _, rest = tree.partition("[[loop]]")
+            tree = before + rest[rest.index("[[line]]") :]
+            source.write_text(tree.replace("mass = 2 }", "mass = 2, inertia = [1, 1, 1] }"))
         flexgen.export_urdf(source, folder / f"{name}_back.urdf")
         text = (folder / f"{name}_back.toml").read_text()
         tables = text.replace(flexgen.__version__, "VERSION").split("\n\n")

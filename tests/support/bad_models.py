@@ -190,7 +190,7 @@ CASES = {
     "element with two parents": (
         [('name = "first"', 'name = "first"\nparent = ["base", "second"] #!')],
         "element.first.parent",
-        ["the name of one element", "without closed loops"],
+        ["the name of one element", "closes a loop"],
     ),
     "element without name": (
         [('[[element]]\nname = "first"', "[[element]] #!")],

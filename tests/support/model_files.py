@@ -123,6 +123,21 @@ common = ["masses"]
 parameters = ["q0.stiffness", "m0.inertia"]
 sd = [0.02, 0.04]
 correlation = [1, 0.3, 0.3, 1]
+[[loop]]
+name = "pin"
+type = "point"
+from = {{ element = "left", position = [0.5, 0, 0.5] }}
+to = {{ element = "right", position = [-0.5, 0, 0.5] }}
+[[loop]]
+name = "level"
+type = "axis"
+from = {{ element = "base" }}
+to = {{ element = "hinge" }}
+[[loop]]
+name = "stop"
+type = "pose"
+from = {{ element = "base" }}
+to = {{ element = "slider" }}
 {lines}[[program]]
 name = "tour"
 start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
@@ -194,7 +209,17 @@ def everything(folder: Path) -> Path:
             "damping = 1\n"
             "deflection_max = 1\n"
         )
-    text += '[[element]]\nname = "b"\n[element.beam]\nlength = 1\nmass_per_length = 2\n'
+    # two bars between base and a common pin, and two bodies that loops fix to the base
+    for name, x in (("left", -0.5), ("right", 0.5), ("hinge", 0), ("slider", 0)):
+        kind = "translation" if name == "slider" else "rotation"
+        near = "near = 0.1" if name == "slider" else "near_rad = 0.1"
+        text += f'[[element]]\nname = "{name}"\nparent = "base"\n'
+        text += f"origin = {{ position = [{x}, 0, 0] }}\nbody = {{ mass = 1 }}\n"
+        text += f'[[element.dof]]\nname = "p_{name}"\ntype = "{kind}"\naxis = [0, 1, 0]\n'
+        text += f"passive = {{ {near} }}\n"
+    text += (
+        '[[element]]\nname = "b"\nparent = "s4"\n[element.beam]\nlength = 1\nmass_per_length = 2\n'
+    )
     text += '[[element.beam.bending]]\ndirection = "y"\nstiffness = 100\nmodes = 1\n'
     for k in range(6):
         text += f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-3\n'

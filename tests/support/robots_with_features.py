@@ -52,6 +52,35 @@ GAS = {
     "length": 0.3,
     "stroke": 0.9,
 }
+# A four-bar of the two links of elbow, a rocker on the first and a coupler on the second.
+LINKAGE = """
+[[element]]
+name = "rocker"
+parent = "upper"
+origin = { position = [0, 0, 0.65] }
+body = { mass = 10.0, com = [0.2, 0, 0], inertia = [0.1, 0.2, 0.2] }
+[[element.dof]]
+name = "p1"
+type = "rotation"
+axis = [0, 1, 0]
+passive = { near_deg = -20.0 }
+
+[[element]]
+name = "coupler"
+parent = "fore"
+origin = { position = [0.4, 0, 0] }
+body = { mass = 8.0, com = [0, 0, -0.25], inertia = [0.2, 0.2, 0.1] }
+[[element.dof]]
+name = "p2"
+type = "rotation"
+axis = [0, 1, 0]
+passive = { near_deg = 20.0 }
+
+[[loop]]
+name = "linkage"
+from = { element = "rocker", position = [0.45, 0, 0] }
+to = { element = "coupler", position = [0, 0, -0.5] }
+"""
 JOINTS = {
     "name": "joints",
     "type": "joint",
@@ -95,6 +124,7 @@ CHANGES: dict[str, dict[str, Any] | str] = {
     "elastic coordinates": BENT + SPRING,
     "beam": BEAM,
     "mechanism": BENT + "mimic = { q2 = -1.0 }\n",
+    "kinematic loops": LINKAGE,
     "branches": BRANCH,
     "counterbalance": {"element.upper.dof.q1.counterbalance": {"sin": [1000.0]}},
     "lines": {"line": [GAS]},
@@ -145,7 +175,7 @@ def robot_with(feature: str) -> flexgen.RobotModel:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "elbow.toml")
         file.write_text(text.replace(MOTOR, change + MOTOR, 1), encoding="utf-8")
-        if feature == "branches":
+        if feature in ("branches", "kinematic loops"):
             more["tool.element"] = "fore"
         return flexgen.read(file, overrides=more)
 

@@ -53,6 +53,8 @@ NEWER = (
     "RobotModel.servo",
     "RobotModel.temperature",
     "RobotModel.lines",
+    "RobotModel.loops",
+    "Dof.passive",
     "Sensor.moment_noise",
     "Sensor.gauge",
     "Sensor.offset",

@@ -45,7 +45,7 @@ def routes(arm: Arm, force: ca.SX, armature: np.ndarray) -> list[Solver]:
     symbols.
 
     Through the mass matrix, and, where the rotor inertias ``armature`` (n_a, n_a) are those of
-    single joints and no mechanism couples joints, through articulated bodies.
+    single joints and no mechanism or loop couples joints, through articulated bodies.
     """
     q_a, v_a = arm.symbols("q_a", "v_a")
     still: list[Scalar] = [0.0] * arm.model.n_a
@@ -86,6 +86,6 @@ def routes(arm: Arm, force: ca.SX, armature: np.ndarray) -> list[Solver]:
             articulated_body.forward_dynamics(tape, chain, q, loads, turns, f, own), q, v, solve
         )
 
-    # (mechanisms couple joints that are not next to each other)
-    free = kind(armature) and arm.moves is None
+    # (mechanisms and loops couple joints that are not next to each other)
+    free = kind(armature) and not arm.coupled
     return [by_mass_matrix, by_articulated_bodies] if free else [by_mass_matrix]

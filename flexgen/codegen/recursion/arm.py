@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,6 +24,7 @@ from flexgen.codegen.recursion.dh_chain import (
     inverse,
     pose_of,
 )
+from flexgen.codegen.recursion.joints import ClosedJoints, Joints, closed_joints_of
 from flexgen.codegen.recursion.regrouping import Plan, plans
 from flexgen.codegen.recursion.tape import Scalar, Tape
 from flexgen.dynamics.mechanics.dynamics import symbols_of
@@ -61,43 +61,47 @@ class Arm:
 
     @cached_property
     def moves(self) -> tuple[dict[int, float], ...] | None:
-        """Of each joint the factors of the coordinates that move it, by number; None without
-        mechanisms.
+        """Of each joint the factors of the coordinates that move it, by number; None where each
+        joint has a coordinate of its own, and where closed loops move joints.
         """
         dofs = [dof for element in self.model.elements for dof in element.dofs]
         at = {coordinate.name: k for k, coordinate in enumerate(self.model.coordinates)}
-        moves = tuple(
+        if self.model.loops or not any(dof.mimic for dof in dofs):
+            return None
+        return tuple(
             {at[name]: x for name, x in (dof.mimic or ((dof.name, 1.0),))} for dof in dofs
         )
-        return moves if any(dof.mimic for dof in dofs) else None
 
-    def to_joints(self, x: Sequence[Scalar]) -> list[Scalar]:
+    @property
+    def coupled(self) -> bool:
+        """Whether mechanisms or closed loops move several joints together."""
+        return self.moves is not None or bool(self.model.loops)
+
+    @cached_property
+    def closed(self) -> ClosedJoints | None:
+        """Joints of a robot with closed loops as functions of its coordinates; None without."""
+        return closed_joints_of(self.equations) if self.model.loops else None
+
+    def joints(
+        self,
+        tape: Tape,
+        q: Sequence[Scalar],
+        v: Sequence[Scalar] | None = None,
+        a: Sequence[Scalar] | None = None,
+    ) -> Joints:
+        """The joints on a tape, at coordinates q, and speeds v and accelerations a (None: 0)."""
+        if self.closed is not None:
+            return self.closed.on_tape(tape, q, v, a)
+        still: list[Scalar] = [0.0] * self.model.n_a
+        at, speed, rate = (self._to_joints(x) for x in (q, v or still, a or still))
+        return Joints(at, speed, rate, self.moves, self.model.n_a)
+
+    def _to_joints(self, x: Sequence[Scalar]) -> list[Scalar]:
         """Angles, speeds or accelerations of all joints from those of the coordinates."""
         if self.moves is None:
             return list(x)
         none: Scalar = 0.0
         return [sum((factor * x[k] for k, factor in own.items()), none) for own in self.moves]
-
-    def to_coordinates(self, x: Sequence[Any]) -> list[Any]:
-        """Numbers of all joints, such as torques, or rows of such numbers, added up for the
-        coordinates.
-        """
-        if self.moves is None:
-            return list(x)
-        none: Any = [0.0] * len(x[0]) if isinstance(x[0], Sequence) else 0.0
-        out = [none] * self.model.n_a
-        for own, row in zip(self.moves, x, strict=True):
-            for k, factor in own.items():
-                if isinstance(row, Sequence):
-                    out[k] = [y + factor * z for y, z in zip(out[k], row, strict=True)]
-                else:
-                    out[k] = out[k] + factor * row
-        return out
-
-    def _matrix(self, A: composite_body.Matrix) -> composite_body.Matrix:
-        """A matrix over pairs of joints, added up for pairs of coordinates."""
-        columns = [list(column) for column in zip(*self.to_coordinates(A), strict=True)]
-        return [list(row) for row in zip(*self.to_coordinates(columns), strict=True)]
 
     def torques(
         self,
@@ -112,25 +116,24 @@ class Arm:
         ``tape``; ``columns``: per joint which form its angular acceleration has, as in
         `newton_euler.Motion`.
         """
-        q, v, a = (self.to_joints(x) for x in (q, v, a))
-        return self.to_coordinates(newton_euler.inverse_dynamics(tape, chain, q, v, a, columns))
+        at = self.joints(tape, q, v, a)
+        return at.gather(newton_euler.inverse_dynamics(tape, chain, at.q, at.v, at.a, columns))
 
     def mass_matrix(self, tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
         """The mass matrix (n_a, n_a) at q, recorded on ``tape`` with or without axes that parallel
         joints share, whichever takes fewer operations.
         """
+        at = self.joints(tape, q)
         found = [
-            composite_body.mass_matrix(tape, chain, self.to_joints(q), together)
-            for together in (True, False)
+            composite_body.mass_matrix(tape, chain, at.q, together) for together in (True, False)
         ]
         M = min(found, key=lambda M: tape.count([x for row in M for x in row]))
-        return M if self.moves is None else self._matrix(M)
+        return at.gather_matrix(M)
 
     def jacobian(self, tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
         """The Jacobian of the tool, rows of the twist."""
-        return [
-            self.to_coordinates(row) for row in kinematics.jacobian(tape, chain, self.to_joints(q))
-        ]
+        at = self.joints(tape, q)
+        return [at.gather(row) for row in kinematics.jacobian(tape, chain, at.q)]
 
     def torque_changes(
         self,
@@ -142,11 +145,11 @@ class Arm:
         columns: Columns,
     ) -> list[composite_body.Matrix]:
         """Derivatives of `torques` in coordinates, speeds and accelerations, (n_a, n_a) each;
-        arguments as there.
+        arguments as there. Of robots without closed loops, whose joints are sums of coordinates.
         """
-        q, v, a = (self.to_joints(x) for x in (q, v, a))
-        found = derivatives.derivatives(tape, chain, q, v, a, columns)
-        return list(found) if self.moves is None else [self._matrix(A) for A in found]
+        at = self.joints(tape, q, v, a)
+        found = derivatives.derivatives(tape, chain, at.q, at.v, at.a, columns)
+        return [at.gather_matrix(A) for A in found]
 
     def chain(self, tape: Tape, plan: Plan) -> Chain:
         """The chain of a plan; where the payload may change at run time, its mass, center and
@@ -211,6 +214,9 @@ class Arm:
         """
         inputs = self.symbols("q_a", "v_a", "a_a")
         n = self.model.n_a
+        if self.closed is not None:
+            tau = self.torque_graph
+            return [ca.densify(ca.jacobian(tau, x)) for x in inputs]
 
         def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
             q, v, a = vectors(tape, *inputs)
@@ -252,6 +258,17 @@ class Arm:
             ]
         flat = self.shortest(routes)
         return [matrix_of(flat[k * n * n : (k + 1) * n * n], n) for k in range(3)]
+
+    @cached_property
+    def torque_graph(self) -> ca.SX:
+        """Inverse dynamics (n_a) of the arm as a graph in its symbols."""
+        inputs = self.symbols("q_a", "v_a", "a_a")
+
+        def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
+            q, v, a = vectors(tape, *inputs)
+            return self.torques(tape, chain, q, v, a, columns)
+
+        return ca.vertcat(*self.shortest([route], several=False))
 
     @property
     def armature(self) -> np.ndarray:

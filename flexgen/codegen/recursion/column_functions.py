@@ -48,14 +48,14 @@ def long_chain(equations: Equations) -> Chain | None:
     Returns
     -------
     Chain or None
-        None for short arms, for those with mechanisms or without recursion, and where numbers of
-        the payload may change at run time.
+        None for short arms, for those with mechanisms or loops or without recursion, and where
+        numbers of the payload may change at run time.
     """
     if (
         equations.model.n_a < LONG_CHAIN
         or equations.model.branched
         or arm_of(equations).loaded
-        or arm_of(equations).moves is not None
+        or arm_of(equations).coupled
         or fast_function(equations, "inverse_dynamics") is None
     ):
         return None

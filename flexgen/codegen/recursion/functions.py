@@ -32,6 +32,7 @@ from flexgen.model.abilities import obstacle
 # with the motors
 _WHOLE = ("forward_dynamics", "forward_dynamics_tool_force", "residual_jacobians")
 TRIALS = 3  # states at which a robot is tested before the recursion is used for it
+NEAR = 0.02  # distance from home [rad, m] at which closed loops can be closed
 AGREEMENT = 1e-9  # of the largest entry: far above rounding, far below errors that matter
 
 
@@ -108,7 +109,8 @@ def _product(arm: Arm, name: str, product: str) -> Built | None:
     parameter changes it.
     """
     function = recursive_function(arm.equations, name)
-    if function is None or "parameters" in function.name_in() or name not in products.BUILDERS:
+    finished = name not in products.BUILDERS or arm.closed is not None
+    if function is None or "parameters" in function.name_in() or finished:
         return None if function is None else products.of_function(arm, function, product)
     # (chooses the recursion for accelerations)
     recursive_function(arm.equations, "arm_forward_dynamics")
@@ -119,9 +121,9 @@ def agrees(equations: Equations) -> bool:
     """Whether the recursion gives a robot's inverse dynamics, mass matrix and tool pose as the
     Lagrangian does.
 
-    Compared at fixed random states (rotations and translations within 1 rad or 1 m, speeds and
-    accelerations within 1), parameters at the values of the file; no entry may differ by more than
-    `AGREEMENT` of the largest one.
+    Compared at fixed random states (rotations and translations within 1 rad or 1 m, those of
+    closed loops within `NEAR` of home, speeds and accelerations within 1), parameters at the
+    values of the file; no entry may differ by more than `AGREEMENT` of the largest one.
 
     Parameters
     ----------
@@ -140,6 +142,10 @@ def agrees(equations: Equations) -> bool:
         | {"parameters": values}
         for _ in range(TRIALS)
     ]
+    if equations.model.loops:
+        home = np.zeros(n_a)
+        home[list(equations.model.i_g)] = equations.model.home
+        states = [state | {"q_a": home + NEAR * state["q_a"]} for state in states]
     for name in ("inverse_dynamics", "mass_matrix", "forward_kinematics"):
         fast = recursive_function(equations, name)
         slow = equations.function(name)
@@ -223,9 +229,10 @@ def _gravity(arm: Arm) -> Built:
 
     def by_differentiation(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         q = tape.vector(inputs[0])
-        return tape.gradient(composite_body.height(tape, chain, arm.to_joints(q)), q)
+        return tape.gradient(composite_body.height(tape, chain, arm.joints(tape, q).q), q)
 
-    return inputs, ["q_a"], [ca.vertcat(*arm.shortest([by_recursion, by_differentiation]))], ["g"]
+    routes = [by_recursion] if arm.closed is not None else [by_recursion, by_differentiation]
+    return inputs, ["q_a"], [ca.vertcat(*arm.shortest(routes))], ["g"]
 
 
 def _mass_matrix(arm: Arm) -> Built:
@@ -348,7 +355,7 @@ def _forward_kinematics(arm: Arm) -> Built:
     inputs = arm.symbols("q_a")
     tape = Tape()
     p, R = kinematics.tool_pose(
-        tape, make_chain(arm.model, to_mass=False), arm.to_joints(tape.vector(inputs[0]))
+        tape, make_chain(arm.model, to_mass=False), arm.joints(tape, tape.vector(inputs[0])).q
     )
     flat = tape.build([*p, *(x for row in R for x in row)])
     return inputs, ["q_a"], [ca.vertcat(*flat[:3]), matrix_of(flat[3:], 3)], ["p", "R"]
@@ -376,12 +383,12 @@ def _tool_motion(arm: Arm) -> Built:
     names = ["q_a", "v_a", "a_a"]
     tape = Tape()
     inputs = arm.symbols(*names)
-    q, v, a = (arm.to_joints(x) for x in vectors(tape, *inputs))
-    moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), q, v, a)
+    at = arm.joints(tape, *vectors(tape, *inputs))
+    moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), at.q, at.v, at.a)
     still: Scalar = 0.0
     v_tool = [still] * 6
     a_tool = list(moving.bias)
-    for (J, _, _), speed in zip(moving.columns, v, strict=True):
+    for (J, _, _), speed in zip(moving.columns, at.v, strict=True):
         v_tool = [x + y * speed for x, y in zip(v_tool, J, strict=True)]
     flat = tape.build([*v_tool, *a_tool])
     return inputs, names, [ca.vertcat(*flat[:6]), ca.vertcat(*flat[6:])], ["v_tool", "a_tool"]

@@ -46,13 +46,13 @@ def _output_constraint(arm: Arm) -> Built:
     chain = make_chain(arm.model, to_mass=False)
     q = tape.vector(q_a)
     v = tape.vector(v_a)
-    still: list[Scalar] = [0.0] * arm.model.n_a
-    p, R = kinematics.tool_pose(tape, chain, arm.to_joints(q))
-    moving = kinematics.rates(tape, chain, *(arm.to_joints(x) for x in (q, v, still)))
+    at = arm.joints(tape, q, v)
+    p, R = kinematics.tool_pose(tape, chain, at.q)
+    moving = kinematics.rates(tape, chain, at.q, at.v, at.a)
     kept = _rate_rows(arm)
     chosen = [
         [arm.jacobian(tape, chain, q)[i] for i in kept],
-        [arm.to_coordinates([J[i] for J, _, _ in moving.columns]) for i in kept],
+        [at.gather([J[i] for J, _, _ in moving.columns]) for i in kept],
     ]
     bias = [moving.bias[i] for i in kept]
     W = min(chosen, key=lambda A: tape.count([*bias, *(x for row in A for x in row)]))
@@ -115,9 +115,11 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
     """Derivatives of ``W v`` in q, and of ``W a + W' v`` in q and v, (n_y, n_a) each."""
     if arm.model.output.type == "combination":
         return [ca.SX.zeros(arm.model.output.size, arm.model.n_a) for _ in range(3)]
+    if arm.closed is not None:
+        return _closed_output_jacobians(arm)
     tape = Tape()
-    q, v, a = (arm.to_joints(tape.vector(x)) for x in arm.symbols("q_a", "v_a", "a_a"))
-    moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), q, v, a)
+    at = arm.joints(tape, *(tape.vector(x) for x in arm.symbols("q_a", "v_a", "a_a")))
+    moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), at.q, at.v, at.a)
     still: Vector3 = [0.0] * 3
     found: list[list[list[Scalar]]] = [[], [], []]  # columns
     for J, first, second in moving.columns:
@@ -135,7 +137,7 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
     kept = _rate_rows(arm)
     n = arm.model.n_a
     flat = tape.build(
-        [column[i] for columns in found for i in kept for column in arm.to_coordinates(columns)]
+        [column[i] for columns in found for i in kept for column in at.gather(columns)]
     )
     size = len(kept) * n
     rows = [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
@@ -143,6 +145,17 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
     if output.has_angle:
         rows = [ca.vertcat(*pair) for pair in zip(rows, _angle_jacobians(arm), strict=True)]
     return [ca.vertcat(x, ca.SX.zeros(len(output.weights), n)) for x in rows]
+
+
+def _closed_output_jacobians(arm: Arm) -> list[ca.SX]:
+    """The derivatives of `_output_jacobians` by differentiation: where closed loops move joints,
+    the joints' own derivatives depend on the coordinates.
+    """
+    q_a, v_a, a_a = arm.symbols("q_a", "v_a", "a_a")
+    _, _, (_, W, bias), _ = _output_constraint(arm)
+    rate = ca.mtimes(W, v_a)
+    second = ca.mtimes(W, a_a) + bias
+    return [ca.jacobian(rate, q_a), ca.jacobian(second, q_a), ca.jacobian(second, v_a)]
 
 
 def _angle_jacobians(arm: Arm) -> list[ca.SX]:
@@ -162,6 +175,9 @@ def _row_jacobians(arm: Arm) -> list[ca.SX]:
     n = arm.model.n_a
     if not e:
         return []
+    if arm.closed is not None:
+        rows = arm.torque_graph[list(e)]
+        return [rows, *(ca.densify(ca.jacobian(rows, x)) for x in inputs)]
 
     def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         q, v, a = (tape.vector(x) for x in inputs)

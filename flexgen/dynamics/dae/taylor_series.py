@@ -231,6 +231,18 @@ def _arc_tangent(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return _integral(np.arctan, a, _quotient(_one(a), _one(a) + _product(a, a)))
 
 
+def _arc_tangent_of_two(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Series of the angle c of the vector (b, a), ``c' = (b a' - a b') / (a^2 + b^2)``."""
+    out = np.zeros_like(a)
+    out[:, 0] = np.arctan2(a[:, 0], b[:, 0])
+    square = _product(a, a) + _product(b, b)
+    by_a = _quotient(b, square)
+    by_b = _quotient(a, square)
+    for k in range(1, a.shape[1]):
+        out[:, k] = _integral_coefficient(a, by_a, k) - _integral_coefficient(b, by_b, k)
+    return out
+
+
 def _smaller(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     first: np.ndarray = a[:, :1] <= b[:, :1]
     return np.where(first, a, b)
@@ -258,6 +270,7 @@ RULES: dict[int, Rule] = {
     ca.OP_COSH: lambda a, b: _pair(a, np.cosh, np.sinh, 1.0)[0],
     ca.OP_TANH: lambda a, b: _tangent(a, np.tanh, -1.0),
     ca.OP_ATAN: _arc_tangent,
+    ca.OP_ATAN2: _arc_tangent_of_two,
     ca.OP_ASINH: _inverse_hyperbolic_sine,
     ca.OP_FABS: lambda a, b: np.where(a[:, :1] < 0, -1.0, 1.0) * a,
     ca.OP_SIGN: _steady(lambda a, b: np.sign(a)),

@@ -247,12 +247,24 @@ def corners(model: RobotModel) -> list[tuple[str, int]]:
     return line
 
 
+def joint_motions(model: RobotModel, q_a: ca.SX, v_a: ca.SX) -> dict[str, tuple[ca.SX, ca.SX]]:
+    """Position and speed of each coordinate and each passive joint of closed loops, by name."""
+    out = {c.name: (q_a[k], v_a[k]) for k, c in enumerate(model.coordinates)}
+    if model.loops:
+        from flexgen.dynamics.mechanics.closed_loops import closed_joints
+
+        for name, q in closed_joints(model, q_a).items():
+            if name not in out:
+                out[name] = q, ca.jtimes(q, q_a, v_a)
+    return out
+
+
 def kinematics(model: RobotModel) -> Kinematics:
     """Build the `Kinematics` of a model from its data: frames from the base to the tool, element
     by element, each from the tip of its parent, and the energies of all bodies and beams.
 
     A joint that follows others, ``mimic``, moves by their weighted sum and has no coordinate of
-    its own.
+    its own. A passive joint of closed loops has none either: `closed_joints`.
     """
     from flexgen.dynamics.mechanics.beam import modal_beam
 
@@ -267,19 +279,15 @@ def kinematics(model: RobotModel) -> Kinematics:
     modal: list[tuple[int, ModalBeam]] = []
     points = {("base", 0): frame.p}
     i = 0
-    at = {coordinate.name: k for k, coordinate in enumerate(model.coordinates)}
+    at = joint_motions(model, q_a, v_a)
     for element in model.elements:
         frame = place(tips[model.parents[element.name]], element.origin)
         points[element.name, 0] = frame.p
         for dof in element.dofs:
             step = _turn if dof.type == "rotation" else _slide
-            moved = dict(dof.mimic)
-            if not moved:
-                moved = {dof.name: 1.0}
-                i = i + 1
-            q, v = (
-                sum(factor * x[at[name]] for name, factor in moved.items()) for x in (q_a, v_a)
-            )
+            moved = dict(dof.mimic) or {dof.name: 1.0}
+            i = i + (not dof.dependent)
+            q, v = (sum(factor * at[name][k] for name, factor in moved.items()) for k in (0, 1))
             frame = step(frame, np.array(dof.axis), q, v)
         points[element.name, 1] = frame.p
         frame = place(frame, element.link)

@@ -23,6 +23,7 @@ from flexgen.model.elements import (
     RobotModel,
     kind_of_mode,
 )
+from flexgen.model.format.format import LOOP
 from flexgen.model.format.format_lines import LINE
 from flexgen.model.format.format_robot import (
     COGGING,
@@ -174,6 +175,7 @@ def describe(
             )
             for sensor in robot.sensors
         ],
+        **({"loops": [write(LOOP, loop) for loop in robot.loops]} if robot.loops else {}),
         **({"lines": [write(LINE, line) for line in robot.lines]} if robot.lines else {}),
         "output": {
             **_fields(robot.output, "type", "size"),

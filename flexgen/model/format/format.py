@@ -17,6 +17,7 @@ from flexgen.base.spec.keys import (
     Form,
     Format,
     Key,
+    Kinds,
     Schema,
     Type,
     angle,
@@ -43,6 +44,8 @@ from flexgen.model.elements import (
     Bending,
     Body,
     Element,
+    Loop,
+    LoopFrame,
     Matrix,
     Placement,
     Tool,
@@ -211,6 +214,7 @@ BEAM = Format(
 
 
 _BASE = "base"
+LOOPS = 16  # closed loops of a robot
 
 
 def _check_name(table: Table, here: Context) -> None:
@@ -220,9 +224,7 @@ def _check_name(table: Table, here: Context) -> None:
 
 def _check_parent(table: Table, here: Context) -> None:
     if "parent" in table and isinstance(table.entries["parent"].value, list):
-        raise table.fail(
-            "parent", "the name of one element, since a robot is a tree without closed loops"
-        )
+        raise table.fail("parent", "the name of one element; a table [[loop]] closes a loop")
 
 
 ELEMENT = Format(
@@ -254,7 +256,7 @@ ELEMENT = Format(
 def _check_elements(table: Table, here: Context) -> None:
     """Raise an error for too many coordinates, and for mechanisms without coordinates."""
     known = here.names["coordinate"]
-    free = [name for name, own in known.items() if "mimic" not in own]
+    free = [name for name, own in known.items() if "mimic" not in own and "passive" not in own]
     for own in known.values():
         factors = own.table("mimic")
         if factors is not None:
@@ -264,6 +266,56 @@ def _check_elements(table: Table, here: Context) -> None:
         raise table.fail(
             "element", f"at most {robot.COORDINATES_MAX} coordinates", f"{count} coordinates"
         )
+
+
+# --- closed loops --------------------------------------------------------------------------------
+
+
+def _loop_frame(element: str, position: Vector, rotation: Matrix, rpy: Matrix | None) -> LoopFrame:
+    return LoopFrame(position, rotation if rpy is None else rpy, element)
+
+
+def _take_frame(frame: LoopFrame) -> dict[str, Any]:
+    """Values of the keys of an end of a loop."""
+    return vars(frame) | {"rpy": None}
+
+
+LOOP_FRAME = Format(
+    "end of a closed loop: a frame that is fixed to a body",
+    (
+        Key(
+            "element",
+            known(lambda here: [_BASE, *here.names["element"]]),
+            f'element whose body it is fixed to, or "{_BASE}"',
+        ),
+        *robot.PLACEMENT.keys,
+    ),
+    make=_loop_frame,
+    take=_take_frame,
+    definition="loop_frame",
+)
+
+
+def _check_loop(table: Table, here: Context) -> None:
+    if here.values["from"].element == here.values["to"].element:
+        raise table.fail("to", "a frame of another body than that of from")
+
+
+_ENDS = (
+    Key("from", sub(LOOP_FRAME), "one frame", attribute="start"),
+    Key("to", sub(LOOP_FRAME), "the other frame", attribute="end", check=_check_loop),
+)
+LOOP = Kinds(
+    "closed loop: two frames coincide",
+    {
+        "point": Format("the origins coincide", _ENDS, make=Loop),
+        "axis": Format("origins and z axes coincide, as of a pin", _ENDS, make=Loop),
+        "pose": Format("origins and all axes coincide", _ENDS, make=Loop),
+    },
+    shared=(Key("name", name("loop"), "name of the loop"),),
+    default="point",
+    typed=True,
+)
 
 
 # --- the file ------------------------------------------------------------------------------------
@@ -412,6 +464,7 @@ MODEL = Format(
             "move", listed(MOVE, least=0), "reference moves that start and end at rest", default=()
         ),
         joint_position("home", "home position"),
+        Key("loop", listed(LOOP, least=0, most=LOOPS), "closed loops", default=(), note="loops"),
         Key("sensor", listed(SENSOR, most=MOST), _SENSORS, default=(), note="sensors"),
         Key(
             "line",
@@ -563,6 +616,7 @@ def model_schema() -> Schema:
     from flexgen.model.format import format_lines
 
     every = (
+        LOOP_FRAME,
         *vars(robot).values(),
         *vars(format_lines).values(),
         robot.friction(),

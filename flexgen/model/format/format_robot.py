@@ -16,6 +16,7 @@ import numpy as np
 from flexgen.base.registry import names
 from flexgen.base.spec.fourier import fourier_sum
 from flexgen.base.spec.keys import (
+    REQUIRED,
     Context,
     Format,
     Key,
@@ -435,7 +436,10 @@ COUNTERBALANCE = Format(
 )
 
 
-_WAYS = "either a gear (actuated), a spring (non-actuated) or mimic (a mechanism)"
+_WAYS = (
+    "either a gear (actuated), a spring (non-actuated), mimic (a mechanism) or passive (moved by "
+    "closed loops)"
+)
 
 
 def _check_dof(table: Table, here: Context) -> None:
@@ -447,7 +451,7 @@ def _check_dof(table: Table, here: Context) -> None:
     if lower is not None and upper is not None and lower >= upper:
         key = next(key for key in ("lower", "lower_rad", "lower_deg") if key in table)
         raise table.fail(key, "a lower limit below the upper one")
-    ways = [key for key in ("gear", "spring", "mimic") if key in table]
+    ways = [key for key in ("gear", "spring", "mimic", "passive") if key in table]
     if len(ways) > 1:
         raise table.fail(ways[1], _WAYS, f"both a {ways[1]} and a {ways[0]}")
     if not ways:
@@ -505,9 +509,25 @@ def _check_mimic(table: Table, here: Context) -> None:
     """Raise an error for a mechanism without a coordinate, and for keys that it has not."""
     if "mimic" in table and not here.values["mimic"]:
         raise table.fail("mimic", "a factor for at least one coordinate")
-    for key in table.entries if "mimic" in table else ():
-        if key not in ("name", "type", "axis", "mimic"):
-            raise table.fail(key, f"no {key} together with mimic")
+    _check_alone(table, "mimic")
+
+
+def _check_passive(table: Table, here: Context) -> None:
+    """Raise an error for keys that a joint without motor and spring has not."""
+    _check_alone(table, "passive")
+
+
+def _check_near(table: Table, here: Context) -> None:
+    """Raise an error where the position of a passive joint is missing."""
+    if here.values["near"] is None:
+        raise table.fail("near_rad", "near_rad or near_deg")
+
+
+def _check_alone(table: Table, own: str) -> None:
+    """Raise an error for keys of coordinates together with the key ``own`` of other joints."""
+    for key in table.entries if own in table else ():
+        if key not in ("name", "type", "axis", own):
+            raise table.fail(key, f"no {key} together with {own}")
 
 
 def _read_mimic(table: Table, key: Key, here: Context) -> tuple[tuple[str, float], ...]:
@@ -527,6 +547,14 @@ def _dof(kind: str, ends: tuple[Key, Key], unit: str, *more: Key) -> Format:
     gear = "gear between the coordinate and its motor: the coordinate is actuated"
     spring = "spring instead of a gear: the coordinate has no motor"
     mimic = "moved by a mechanism, sum of factor times coordinates, no gear or spring"
+    passive = "moved by closed loops, no gear or spring"
+    about = "position at home, roughly: it selects one of several configurations"
+    near = Format(
+        "joint that closed loops move",
+        (replace(ends[0], name="near", doc=about, default=REQUIRED, check=_check_near),),
+        make=lambda near: near,
+        take=lambda near: {"near": near},
+    )
     return Format(
         f"a {kind}",
         (
@@ -543,13 +571,14 @@ def _dof(kind: str, ends: tuple[Key, Key], unit: str, *more: Key) -> Format:
                 default=(),
                 check=_check_mimic,
             ),
+            Key("passive", sub(near), passive, default=None, check=_check_passive),
             replace(DAMPING, unit=unit),
             FRICTION,
             *RATES,
             *more,
         ),
         make=Dof,
-        either={"gear": (), "spring": ("damping",), "mimic": ()},
+        either={"gear": (), "spring": ("damping",), "mimic": (), "passive": ()},
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from flexgen.base.spec.lines import Line, RodLine
 from flexgen.base.spec.tables import Table
 from flexgen.model.elements import Placement, RobotModel
+from flexgen.model.format.closure import closed_values
 
 # Length [m] below which the two ends of a line are one point, and the line has no direction.
 NO_LENGTH = 1e-6
@@ -20,7 +21,7 @@ def body_poses(model: RobotModel, q_a: np.ndarray) -> dict[str, Pose]:
     """Poses of the bodies by the names of their elements, and that of the base by ``"base"``, at
     the coordinates ``q_a`` (n_a,); beams are straight.
     """
-    at = dict(zip((one.name for one in model.coordinates), q_a.tolist(), strict=True))
+    at = closed_values(model, q_a)
     base = _advance((np.zeros(3), np.eye(3)), model.base)
     bodies = {"base": base}
     tips = {"base": base}
