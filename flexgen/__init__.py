@@ -288,6 +288,7 @@ _NOUNS = {
     "MotionFit": "flexgen.identification.motions.motion_fit",
     "Move": "flexgen.model.moves",
     "MoveC": "flexgen.model.moves",
+    "Posture": "flexgen.model.moves",
     "MoveJ": "flexgen.model.moves",
     "MoveL": "flexgen.model.moves",
     "NextRun": "flexgen.planning.learning.next_run",

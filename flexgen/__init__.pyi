@@ -113,6 +113,7 @@ from flexgen.model.moves import MoveC as MoveC
 from flexgen.model.moves import MoveJ as MoveJ
 from flexgen.model.moves import MoveL as MoveL
 from flexgen.model.moves import PoseTarget as PoseTarget
+from flexgen.model.moves import Posture as Posture
 from flexgen.model.moves import Program as Program
 from flexgen.model.moves import WorkFrame as WorkFrame
 from flexgen.model.position_servo.filters import LowPass as LowPass

@@ -9,7 +9,7 @@ on the motor side of the gears.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -290,10 +290,10 @@ class Output:
     ``"tool_position_angle"`` (these rows, then the angle of the tool about ``rotation_axis``, see
     `flexgen.dynamics.mechanics.tool_angle`), ``"tool_pose"`` (position and rotation) or
     ``"combination"`` (``y = weights q_a``; a joint output is a combination with one weight of 1).
-    Weighted sums may also follow the position and angle of the tool:
-    `flexgen.paths.geometry.redundancy` adds them. ``unit``: that of the rows. ``rotation_axis``:
-    unit vector in world axes; ``reference``: the axis of the tool frame whose direction gives the
-    angle.
+    Weighted sums may also follow the position and angle of the tool: ``joints`` of the model file,
+    or `flexgen.paths.geometry.redundancy`, adds them. The rotation of a pose is last: position,
+    sums, rotation. ``unit``: that of the rows. ``rotation_axis``: unit vector in world axes;
+    ``reference``: the axis of the tool frame whose direction gives the angle.
     """
 
     type: str
@@ -306,7 +306,27 @@ class Output:
     @property
     def size(self) -> int:
         """Number of scalar outputs n_y."""
-        return 6 if self.type == "tool_pose" else self.tool_size + len(self.weights)
+        return self.tool_size + len(self.weights) + 3 * self.is_pose
+
+    @property
+    def is_pose(self) -> bool:
+        """Whether the last three outputs are the rotation of the tool."""
+        return self.type == "tool_pose"
+
+    @property
+    def is_with_joints(self) -> bool:
+        """Whether weighted sums of coordinates follow the position or pose of the tool."""
+        return self.type != "combination" and bool(self.weights)
+
+    @property
+    def of_tool(self) -> Output:
+        """The output without the weighted sums that follow the tool."""
+        return replace(self, weights=()) if self.is_with_joints else self
+
+    @property
+    def first_turn(self) -> int:
+        """Number of outputs before the rotation of a pose."""
+        return self.tool_size + len(self.weights)
 
     @property
     def tool_size(self) -> int:
@@ -336,9 +356,9 @@ class Output:
     @property
     def target_size(self) -> int:
         """Number of scalars of a target: n_y, or 12 for a pose (position, rotation matrix by
-        columns).
+        columns), 12 and the sums between them for a pose with sums.
         """
-        return 12 if self.type == "tool_pose" else self.size
+        return self.size + 6 * self.is_pose
 
 
 @dataclass(frozen=True)

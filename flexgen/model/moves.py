@@ -168,6 +168,54 @@ class Carrier:
 
 @checked_class
 @dataclass(frozen=True)
+class Posture:
+    """How a move of the tool chooses the joints that the tool leaves free.
+
+    They change as little as possible, in the sense of the sum of their squared changes, each times
+    its weight. ``joints``: those with a motion of their own, which change by ``change`` [rad or m]
+    during the move, in proportion to the path; 0: fixed. ``weighted``, ``weights`` (> 0): joints
+    whose weight is not 1, such as a track in m among angles in rad.
+
+    Examples
+    --------
+    >>> flexgen.Posture(("q3",), (0.0,), ("rail",), (25.0,)).text
+    'q3 fixed, weight of rail 25'
+    """
+
+    joints: tuple[str, ...] = ()
+    change: Vector = ()
+    weighted: tuple[str, ...] = ()
+    weights: Vector = ()
+
+    def __post_init__(self) -> None:
+        for names, values in ((self.joints, self.change), (self.weighted, self.weights)):
+            if len(names) != len(values):
+                raise ArgumentError(
+                    f"posture: given {len(values)} numbers for {len(names)} joints, expected one "
+                    "for each"
+                )
+
+    @classmethod
+    def hold(cls, joint: str) -> Posture:
+        """The posture with a joint that keeps its value."""
+        return cls((joint,), (0.0,))
+
+    @property
+    def text(self) -> str:
+        """The rule in words."""
+        parts = [
+            f"{name} changes by {change:g}" if change else f"{name} fixed"
+            for name, change in zip(self.joints, self.change, strict=True)
+        ]
+        parts += [
+            f"weight of {name} {weight:g}"
+            for name, weight in zip(self.weighted, self.weights, strict=True)
+        ]
+        return ", ".join(parts)
+
+
+@checked_class
+@dataclass(frozen=True)
 class Move:
     """A named reference move that starts and ends at rest.
 
@@ -199,7 +247,8 @@ class Move:
     of speed. A rotation of the tool by an angle is counted as a path length of ``radius`` [m]
     times the angle. Or ``duration`` and ``timing``, see
     `flexgen.paths.timing.time_laws.SplineLaw`. ``carrier``: motion of the workpiece during a move
-    of the tool with a ``duration``.
+    of the tool with a ``duration``. ``posture``: of a robot with more motors than the tool has
+    outputs, how the other joints are chosen; None: least change.
 
     Examples
     --------
@@ -232,6 +281,7 @@ class Move:
     where: Where | None = field(default=None, compare=False, repr=False)
     smooth: float = 0.0
     carrier: Carrier | None = None
+    posture: Posture | None = None
 
     __repr__ = short_repr
 

@@ -21,10 +21,11 @@ from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
 from flexgen.paths.geometry.jets import JET, ORDER, chain_rule
+from flexgen.paths.geometry.joint_follower import check_posture, joint_segments
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timing.joint_limits import InverseKinematics, beyond_range
 from flexgen.paths.timing.move_planner import plan_move
-from flexgen.paths.timing.timed_segments import TimedSegment
+from flexgen.paths.timing.timed_segments import JointMotion, PlannedMove, TimedSegment
 
 __all__ = ["ORDER", "Path", "PathSample", "chain_rule", "find_move", "plan"]
 
@@ -88,7 +89,7 @@ class Path(Result):
         self.reference = Reference(equations)
         self.pose = self.reference.pose
         _check_duration(move.name, move.duration)
-        planned = plan_move(self.reference, move)
+        planned = self._plan(move)
         self.segments: tuple[TimedSegment, ...] = planned.segments
         self.q_start = self.reference.expand(planned.q_g)
         self.smoothness = min(segment.smoothness for segment in self.segments)
@@ -105,6 +106,20 @@ class Path(Result):
             if unchanged
             else replace(move, start=tuple(map(float, planned.q_g)), duration=self.duration)
         )
+
+    def _plan(self, move: Move) -> PlannedMove:
+        """The segments of the move; of an output with joints after the tool, a move of the tool as
+        a motion of all joints, which its posture chooses.
+        """
+        model = self.equations.model
+        if move.posture is not None:
+            check_posture(model, move.posture, move.name)
+        if not model.output.is_with_joints or isinstance(move, JointMotion):
+            return plan_move(self.reference, move)
+        alone = Equations(replace(model, output=model.output.of_tool))
+        planned = plan_move(Reference(alone), move)
+        segments, _ = joint_segments(alone, planned.segments, planned.q_g, move.posture)
+        return PlannedMove(tuple(segments), planned.q_g)
 
     def __repr__(self) -> str:
         title = self.equations.model.title

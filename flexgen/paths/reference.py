@@ -24,7 +24,7 @@ from flexgen.paths.geometry.segments import POSITION
 class PathSample(Result):
     """Reference at n instants.
 
-    ``y`` (n, n_y, 6): rows of the output that are positions (3 for a pose), last axis: derivatives
+    ``y`` (n, n_y, 6): rows of the output but the rotation of a pose, last axis: derivatives
     0 to 5. For a pose also ``R`` (n, 3, 3), the orientation in the world, and ``w`` (n, 3, 5), the
     angular velocity (world axes) and its derivatives 0 to 4. ``q_g`` (n, n_g, 6) where the move is
     one of joints.
@@ -86,7 +86,9 @@ class Reference:
     def tool_start(self, q_g: np.ndarray | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Start of a curve of the tool: position (3) [m], then an angle if any; orientation."""
         p, R = self.tool_pose(q_g)
-        return (np.append(p, self.outputs(q_g)[-1]) if self.model.output.has_angle else p), R
+        if not self.model.output.has_angle:
+            return p, R
+        return np.append(p, self.outputs(q_g)[self.model.output.tool_size - 1]), R
 
     def outputs(self, q_g: np.ndarray | tuple[float, ...]) -> np.ndarray:
         """The outputs of the undeflected arm (n_y; 3 for a pose)."""

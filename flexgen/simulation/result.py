@@ -268,6 +268,8 @@ def output_error(
         units = output_units(equations.model)
         columns = [error[:, [u == unit for u in units]] for unit in ("m", "rad")]
         worst = [float(np.linalg.norm(x, axis=1).max()) if x.shape[1] else None for x in columns]
+        if output.is_pose and "R_ref" in data:
+            worst[1] = max(worst[1] or 0.0, float(_turn_error(equations, data, q_a).max()))
         return error, worst[0], worst[1]
     largest = float(np.linalg.norm(error, axis=1).max())
     if output.type == "tool_pose" and "R_ref" in data:

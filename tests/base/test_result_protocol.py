@@ -56,7 +56,7 @@ NO_RESULT = {
     **dict.fromkeys(
         (
             "Impedance Wall Scenario Segment Window Setting Port InversionOptions Priors "
-            "StaticPoses DatasheetTolerances WorkFrame Carrier"
+            "StaticPoses DatasheetTolerances WorkFrame Carrier Posture"
         ).split(),
         INPUT,
     ),

@@ -191,7 +191,9 @@ def test_invalid_requests_for_redundant_arms_are_refused():
         SolverError, match=r"redundant arm: a singular pose after \d.* of the path"
     ):
         solve(panda(), replace(LINE, displacement=(1.0, 0.0, 0.3)), progress=False)
-    bearing = """
+
+
+BEARING = """
 [[joint.panda_joint1.after]]
 name = "tilt"
 type = "rotation"
@@ -199,10 +201,19 @@ axis = [1, 0, 0]
 spring = { type = "linear", stiffness = 1e5 }
 damping = 20.0
 """
-    with pytest.raises(
-        ArgumentError, match=r"6 outputs, 7 motors and coordinates without motor \(tilt\)"
-    ):
-        solve(panda(bearing), LINE, progress=False)
-    assert solve(
-        panda(bearing), panda(bearing).model.move("joints"), verify=False, progress=False
-    ).trajectory
+
+
+@pytest.mark.slow
+def test_the_pose_of_an_arm_with_a_bearing_is_followed():
+    """A joint becomes an output next to the pose; the tool is on its line with the deflections."""
+    equations = panda(BEARING)
+    solution = solve(equations, LINE, fixed_joint="panda_joint3", progress=False)
+    assert solution.status == Status.SOLVED and solution.model.output.size == 7
+    assert solution.simulation is not None
+    q_a = solution.simulation.trajectory["q_a"]
+    names = [c.name for c in solution.model.coordinates]
+    assert np.ptp(q_a[:, names.index("tilt")]) > 1e-6
+    p, _, _ = tool(solution.model, q_a)
+    along = (p - p[0]) @ np.array(LINE.displacement) / np.linalg.norm(LINE.displacement) ** 2
+    assert along[-1] == pytest.approx(1.0, abs=1e-7)
+    assert np.abs(p - p[0] - along[:, None] * np.array(LINE.displacement)).max() < 100 * NANOMETER

@@ -51,6 +51,8 @@ COUNTS = {
     "palletizer": (4, 4, 4, 12, ()),
     "two_arm": (5, 5, 1, 11, ()),
     "carried_arm": (5, 5, 3, 13, ()),
+    "seven_axis": (7, 7, 10, 24, ()),
+    "track_arm": (7, 7, 5, 19, ()),
 }
 
 

@@ -12,7 +12,7 @@ from emitted import paths_library
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.spec.ports import Port
 from flexgen.dynamics.mechanics.equations import Equations, derive
-from flexgen.dynamics.mechanics.output_columns import output_labels
+from flexgen.dynamics.mechanics.output_columns import output_labels, output_units
 from flexgen.inversion.problem.reduced_problem import Reduction
 from flexgen.model.elements import RobotModel
 from flexgen.paths.path import Path
@@ -74,7 +74,8 @@ class Machine:
         ports = {
             name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()
         }
-        trajectory = Trajectory(t, channels, ports, labels, {"model": model.name})
+        of_columns = {"y_ref": output_units(model)} if model.output.is_with_joints else {}
+        trajectory = Trajectory(t, channels, ports, labels, {"model": model.name}, of_columns)
         if not hold:
             return simulate(self.equations, trajectory)
         sample_time = (t[-1] - t[0]) / (len(t) - 1)

@@ -78,7 +78,7 @@ static int force_power_rate(const real *q, const real *v, const real *f, const r
     real target[NT], error[NY], bias[NY];
     int status;
     for (int i = 0; i < NT; ++i) { /* any that is a number; of a pose without a rotation */
-        target[i] = MODEL_POSE && i >= 3 && i % 4 == 3 ? 1.0 : 0.0;
+        target[i] = MODEL_POSE && i >= PLACES && (i - PLACES) % 4 == 0 ? 1.0 : 0.0;
     }
     status = evaluate_growth_constraint(q, v, target, error, W, bias, parameters, space);
     *to = 0.0;
@@ -113,9 +113,9 @@ static int force_derivatives(
             v[j] = 0.0;
 #if MODEL_POSE
             for (int k = 0; k < 3; ++k) {
-                const int m = 3 + (k + 1) % 3, n = 3 + (k + 2) % 3;
+                const int m = PLACES + (k + 1) % 3, n = PLACES + (k + 2) % 3;
                 const real *a = s->W + j * NY, *b = s->W + i * NY;
-                turned += f[3 + k] * (a[m] * b[n] - a[n] * b[m]);
+                turned += f[PLACES + k] * (a[m] * b[n] - a[n] * b[m]);
             }
 #endif
             s->force_q[i * NA + j] = 0.5 * (both - own[i] - own[j] + turned);

@@ -17,6 +17,7 @@ enum {
     NM = MODEL_NM,
     NY = MODEL_NY,
     NT = MODEL_NT,
+    PLACES = MODEL_POSE ? NY - 3 : NY, /* outputs before the rotation of a pose */
     PARAMETERS = MODEL_PARAMETERS, /* run-time parameters */
     POINTS = BLOCK,
     STAGES = 3,

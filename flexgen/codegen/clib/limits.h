@@ -282,7 +282,7 @@ static inline real output_rate(
 #if MODEL_FURTHER
 enum { POSITIONS = TOOL_POSITIONS };
 #else  /* MODEL_FURTHER */
-enum { POSITIONS = MODEL_POSE ? 3 : NY };
+enum { POSITIONS = PLACES };
 #endif /* MODEL_FURTHER */
 
 /* Speed or acceleration of the tool at node k. */

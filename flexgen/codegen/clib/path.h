@@ -175,8 +175,7 @@ static inline void reference_at(const model_samples *p, int k, real x, real *out
         const real *y0 = p->y + at * NT, *y1 = y0 + NT;
         const real *v0 = p->dy + at * NY, *v1 = v0 + NY;
         const real *a0 = p->ddy + at * NY, *a1 = a0 + NY;
-        const int positions = MODEL_POSE ? 3 : NY;
-        for (int i = 0; i < positions; ++i) {
+        for (int i = 0; i < PLACES; ++i) {
             real left[3] = {y0[i], T * v0[i], T * T * a0[i]};
             real right[3] = {y1[i], T * v1[i], T * T * a1[i]};
             real q[3];
@@ -201,15 +200,15 @@ static inline void reference_at(const model_samples *p, int k, real x, real *out
 #if MODEL_POSE
         {
             real f1[3], d1[3], e1[3], extra[3], difference[3], f[3], d[3], e[3], second[3];
-            rotation_vector(y0 + 3, y1 + 3, f1);
-            inverse_left_jacobian(f1, v1 + 3, d1);
+            rotation_vector(y0 + PLACES, y1 + PLACES, f1);
+            inverse_left_jacobian(f1, v1 + PLACES, d1);
             left_jacobian_rate(f1, d1, extra);
             for (int i = 0; i < 3; ++i) {
-                difference[i] = a1[3 + i] - extra[i];
+                difference[i] = a1[PLACES + i] - extra[i];
             }
             inverse_left_jacobian(f1, difference, e1);
             for (int i = 0; i < 3; ++i) {
-                real left[3] = {0.0, T * v0[3 + i], T * T * a0[3 + i]};
+                real left[3] = {0.0, T * v0[PLACES + i], T * T * a0[PLACES + i]};
                 real right[3] = {f1[i], T * d1[i], T * T * e1[i]};
                 real q[3];
                 between_positions(x, T, left, right, q);
@@ -217,12 +216,12 @@ static inline void reference_at(const model_samples *p, int k, real x, real *out
                 d[i] = q[1] / T;
                 e[i] = q[2] / (T * T);
             }
-            rotate(f, y0 + 3, out + 3);
-            left_jacobian(f, d, out + NT + 3);
+            rotate(f, y0 + PLACES, out + PLACES);
+            left_jacobian(f, d, out + NT + PLACES);
             left_jacobian(f, e, second);
             left_jacobian_rate(f, d, extra);
             for (int i = 0; i < 3; ++i) {
-                out[NT + NY + 3 + i] = second[i] + extra[i];
+                out[NT + NY + PLACES + i] = second[i] + extra[i];
             }
         }
 #endif
@@ -325,11 +324,10 @@ static inline void decay_step(const real *x, real tau, real *out)
 /* A path with a deviation, at one instant. */
 static inline void add_deviation(const real *plan, const real *x, real T, real *out)
 {
-    const int positions = MODEL_POSE ? 3 : NY;
     for (int i = 0; i < REFERENCE; ++i) {
         out[i] = plan[i];
     }
-    for (int i = 0; i < positions; ++i) {
+    for (int i = 0; i < PLACES; ++i) {
         out[i] += x[i];
         out[NT + i] += x[NY + i] / T;
         out[NT + NY + i] += x[2 * NY + i] / (T * T);
@@ -339,11 +337,11 @@ static inline void add_deviation(const real *plan, const real *x, real T, real *
         real f[3], d[3], e[3], once[3], second[3], extra[3], E[9], spun[3], spun2[3], both[3];
         static const real I[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
         for (int i = 0; i < 3; ++i) {
-            f[i] = x[3 + i];
-            d[i] = x[NY + 3 + i] / T;
-            e[i] = x[2 * NY + 3 + i] / (T * T);
+            f[i] = x[PLACES + i];
+            d[i] = x[NY + PLACES + i] / T;
+            e[i] = x[2 * NY + PLACES + i] / (T * T);
         }
-        rotate(f, plan + 3, out + 3);
+        rotate(f, plan + PLACES, out + PLACES);
         rotate(f, I, E);
         left_jacobian(f, d, once);
         left_jacobian(f, e, second);
@@ -351,14 +349,14 @@ static inline void add_deviation(const real *plan, const real *x, real T, real *
         for (int i = 0; i < 3; ++i) {
             spun[i] = spun2[i] = 0.0;
             for (int k = 0; k < 3; ++k) {
-                spun[i] += E[3 * k + i] * plan[NT + 3 + k];
-                spun2[i] += E[3 * k + i] * plan[NT + NY + 3 + k];
+                spun[i] += E[3 * k + i] * plan[NT + PLACES + k];
+                spun2[i] += E[3 * k + i] * plan[NT + NY + PLACES + k];
             }
         }
         cross(once, spun, both);
         for (int i = 0; i < 3; ++i) {
-            out[NT + 3 + i] = once[i] + spun[i];
-            out[NT + NY + 3 + i] = second[i] + extra[i] + both[i] + spun2[i];
+            out[NT + PLACES + i] = once[i] + spun[i];
+            out[NT + NY + PLACES + i] = second[i] + extra[i] + both[i] + spun2[i];
         }
     }
 #endif
@@ -385,10 +383,9 @@ static inline void size_of_deviation(const real *x, real out[2])
         out[output_is_angle[i]] += x[i] * x[i];
     }
 #else  /* MODEL_FURTHER */
-    const int positions = MODEL_POSE ? 3 : NY;
     out[0] = out[1] = 0.0;
     for (int i = 0; i < NY; ++i) {
-        out[i < positions ? 0 : 1] += x[i] * x[i];
+        out[i < PLACES ? 0 : 1] += x[i] * x[i];
     }
 #endif /* MODEL_FURTHER */
     out[0] = square_root(out[0]);

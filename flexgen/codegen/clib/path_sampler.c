@@ -764,20 +764,21 @@ static void outputs_of_joints(curve_point *p, real *y, real *dy, real *ddy, real
      * the arm's.
      */
     for (int k = 0; k < 3; ++k) {
-        arm->target[3 + 3 * k][2 * k] = 1.0;
-        arm->target[3 + 3 * k + 1][2 * k + 1] = 1.0;
+        arm->target[PLACES + 3 * k][2 * k] = 1.0;
+        arm->target[PLACES + 3 * k + 1][2 * k + 1] = 1.0;
     }
 #endif
     (void)evaluate_output_constraint_batch(POINTS, &arm->q[0][0], &arm->v[0][0],
         &arm->target[0][0], &arm->error[0][0], &arm->W[0][0][0], &arm->bias[0][0], space);
 #if MODEL_POSE
-    for (int i = 0; i < 3; ++i) {
+    for (int i = 0; i < PLACES; ++i) {
         y[i] = arm->error[i][0];
     }
     for (int k = 0; k < 3; ++k) {
-        y[3 + 3 * k] = -2.0 * arm->error[5][2 * k + 1];
-        y[3 + 3 * k + 1] = 2.0 * arm->error[5][2 * k];
-        y[3 + 3 * k + 2] = 2.0 * arm->error[3][2 * k + 1];
+        real *column = y + PLACES + 3 * k;
+        column[0] = -2.0 * arm->error[PLACES + 2][2 * k + 1];
+        column[1] = 2.0 * arm->error[PLACES + 2][2 * k];
+        column[2] = 2.0 * arm->error[PLACES][2 * k + 1];
     }
 #else
     for (int i = 0; i < NY; ++i) {
@@ -801,7 +802,7 @@ static int outputs_of_curve(const curve_point *p, int dimensions, int space, con
 {
     (void)axes;
 #if MODEL_POSE
-    if (space != SPACE_TOOL || dimensions != 3 || !p->is_pose) {
+    if (space != SPACE_TOOL || dimensions != 3 || !p->is_pose || PLACES > 3) {
         return 0;
     }
     for (int i = 0; i < 3; ++i) {

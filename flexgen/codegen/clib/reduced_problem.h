@@ -510,12 +510,13 @@ static inline void take_force_stiffness(problem_points *p)
     EACH (l) {
         lanes F[6], turned[NA][3], twisted[NA][3];
         for (int k = 0; k < 6; ++k) {
-            F[k] = load_v(&p->force[k][l]);
+            F[k] = load_v(&p->force[k < 3 ? k : PLACES - 3 + k][l]);
         }
         for (int i = 0; i < NA; ++i) {
             for (int k = 0; k < 3; ++k) { /* F x w and M x w */
                 const int m = (k + 1) % 3, n = (k + 2) % 3;
-                const lanes w_m = load_v(&p->W[i][3 + m][l]), w_n = load_v(&p->W[i][3 + n][l]);
+                const lanes w_m = load_v(&p->W[i][PLACES + m][l]),
+                            w_n = load_v(&p->W[i][PLACES + n][l]);
                 turned[i][k] = F[m] * w_n - F[n] * w_m;
                 twisted[i][k] = F[3 + m] * w_n - F[3 + n] * w_m;
             }
@@ -527,7 +528,7 @@ static inline void take_force_stiffness(problem_points *p)
                 for (int k = 0; k < 3; ++k) {
                     sum -= turned[a][k] * load_v(&p->W[b][k][l]);
                     if (j < i_e[i]) {
-                        sum -= twisted[j][k] * load_v(&p->W[b][3 + k][l]);
+                        sum -= twisted[j][k] * load_v(&p->W[b][PLACES + k][l]);
                     }
                 }
                 store_v(&p->row_q[j][i][l], sum);

@@ -635,7 +635,7 @@ COLD model_status model_stream_start(const model_stream *given,
     }
 #endif /* MODEL_FORCE */
 #if MODEL_POSE
-    if (!is_rotation(y + 3)) {
+    if (!is_rotation(y + PLACES)) {
         return MODEL_BAD_ARGUMENT;
     }
 #endif
@@ -944,7 +944,7 @@ model_status model_stream_begin(const model_stream *given, const real y[MODEL_NT
         return MODEL_INPUT_NOT_FINITE;
     }
 #if MODEL_POSE
-    if (!is_rotation(y + 3) || !are_near(stream + l.last + 3, y + 3)) {
+    if (!is_rotation(y + PLACES) || !are_near(stream + l.last + PLACES, y + PLACES)) {
         return MODEL_BAD_ARGUMENT;
     }
 #endif
@@ -1094,7 +1094,7 @@ static model_status check_samples(const model_samples *p)
     }
 #if MODEL_POSE
     for (ptrdiff_t k = 0; k < p->n; ++k) {
-        const real *R = p->y + k * NT + 3;
+        const real *R = p->y + k * NT + PLACES;
         if (!is_rotation(R) || (k > 0 && !are_near(R - NT, R))) {
             return MODEL_BAD_ARGUMENT;
         }

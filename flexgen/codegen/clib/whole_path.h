@@ -428,7 +428,7 @@ static inline model_status check_path(
     }
 #if MODEL_POSE
     for (int k = 0; k < p->n; ++k) {
-        const real *R = p->y + k * (ptrdiff_t)NT + 3;
+        const real *R = p->y + k * (ptrdiff_t)NT + PLACES;
         if (!is_rotation(R) || (k > 0 && !are_near(R - NT, R))) {
             return MODEL_BAD_ARGUMENT;
         }

@@ -60,6 +60,7 @@ NEWER = (
     "Sensor.offset",
     "Tolerances.lost_motion",
     "Tolerances.delay",
+    "posture",
 )  # left out where empty or of the default: digests from before there were these fields stay
 
 

@@ -106,7 +106,8 @@ def _inversion(spec: LibrarySpec) -> str:
     name = spec.name
     real = f"{spec.name}_real"
     ny, nt, nm = (size_macro(spec, size) for size in ("n_y", "n_t", "n_m"))
-    pose = spec.motor_constants is not None and spec.motor_constants.pose
+    constants = spec.motor_constants
+    pose = constants is not None and constants.pose and not constants.further
     home = _home_output(spec, pose)
     declared = f"    {real} parameters[{size_macro(spec, 'n_p')}];\n" if spec.parameters else ""
     fill, given = (

@@ -121,9 +121,11 @@ def _lugre(model: RobotModel) -> dict[str, tuple[float, ...]]:
 def _further(model: RobotModel) -> tuple[bool, ...]:
     """Whether each output is an angle, if others follow the position of the tool; else empty."""
     output = model.output
-    if output.type in ("combination", "tool_pose") or output.size == len(output.axes):
+    has_others = output.has_angle or output.is_with_joints
+    if not has_others:
         return ()
-    return tuple(unit == "rad" for unit in output_units(model))
+    units = (*output_units(model), *["rad"] * 3 * output.is_pose)
+    return tuple(unit == "rad" for unit in units)
 
 
 def motor_constants(

@@ -65,9 +65,14 @@ def _output_constraint(arm: Arm) -> Built:
     target = ca.SX.sym("target", output.target_size)
     W = matrix_of(flat[n_y:], n_a)
     bias_rows = ca.vertcat(*flat[:n_y])
-    if output.type == "tool_pose":
-        error = pose_error(place, turn, target)
-    elif output.has_angle:
+    sums = ca.SX(ca.DM(output.weights)) if output.weights else ca.SX(0, n_a)
+    still = ca.SX.zeros(len(output.weights))
+    if output.is_pose:
+        place = ca.vertcat(place, ca.mtimes(sums, q_a))
+        W = ca.vertcat(W[:3, :], sums, W[3:, :])
+        bias_rows = ca.vertcat(bias_rows[:3], still, bias_rows[3:])
+        return constraint_ports(equations, target, pose_error(place, turn, target), W, bias_rows)
+    if output.has_angle:
         angle = tool_angle(equations)
         rate = _angle_rate(arm)
         error = ca.vertcat(place[kept], angle.value) - target[: output.tool_size]
@@ -75,11 +80,10 @@ def _output_constraint(arm: Arm) -> Built:
         bias_rows = ca.vertcat(bias_rows, ca.jtimes(rate, q_a, v_a))
     else:
         error = place[kept] - target[: len(kept)]
-    if output.type != "combination" and output.weights:
-        sums = ca.SX(ca.DM(output.weights))
+    if output.weights:
         error = ca.vertcat(error, ca.mtimes(sums, q_a) - target[output.tool_size :])
         W = ca.vertcat(W, sums)
-        bias_rows = ca.vertcat(bias_rows, ca.SX.zeros(len(output.weights)))
+        bias_rows = ca.vertcat(bias_rows, still)
     return constraint_ports(equations, target, error, W, bias_rows)
 
 
@@ -144,7 +148,9 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
     output = arm.model.output
     if output.has_angle:
         rows = [ca.vertcat(*pair) for pair in zip(rows, _angle_jacobians(arm), strict=True)]
-    return [ca.vertcat(x, ca.SX.zeros(len(output.weights), n)) for x in rows]
+    before = output.tool_size
+    none = ca.SX.zeros(len(output.weights), n)
+    return [ca.vertcat(x[:before, :], none, x[before:, :]) for x in rows]
 
 
 def _closed_output_jacobians(arm: Arm) -> list[ca.SX]:

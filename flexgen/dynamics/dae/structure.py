@@ -86,14 +86,13 @@ class StructureCheck:
 
 def output_names(model: RobotModel) -> tuple[str, ...]:
     """Names of the rows of the output."""
-    if model.output.type == "tool_pose":
-        return ("tool x", "tool y", "tool z", "tool turn x", "tool turn y", "tool turn z")
     if model.output.type != "combination":
         first = model.output.tool_size + 1
         return (
             *(f"tool {axis}" for axis in model.output.axes),
             *["tool angle"] * model.output.has_angle,
             *(f"output {first + k}" for k in range(len(model.output.weights))),
+            *(f"tool turn {axis}" for axis in "xyz" if model.output.is_pose),
         )
     return tuple(f"output {k + 1}" for k in range(model.output.size))
 

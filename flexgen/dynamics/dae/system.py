@@ -155,8 +155,9 @@ class InverseDae:
         q = x[: self.model.n_a]
         if self.model.output.type != "tool_pose":
             return evaluate(self.equations.function("output"), q)[0][0]
-        p, R = evaluate(self.equations.function("forward_kinematics"), q)
-        return np.concatenate([p[0], R[0].T.ravel()])
+        y = evaluate(self.equations.function("output"), q)[0][0]
+        R = evaluate(self.equations.function("forward_kinematics"), q)[1]
+        return np.concatenate([y, R[0].T.ravel()])
 
     def pack(self, rest: Equilibrium) -> np.ndarray:
         """x (n_x,) at an equilibrium."""

@@ -16,10 +16,11 @@ def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
     output = model.output
     if output.type == "combination":
         return {"y_ref": tuple(f"y{k + 1}" for k in range(output.size))}
-    if output.type != "tool_pose":
-        sums = (f"y{output.tool_size + k + 1}" for k in range(len(output.weights)))
-        return {"y_ref": (*output.axes, *["angle"] * output.has_angle, *sums)}
-    return {"y_ref": tuple("xyz"), "R_ref": tuple(f"{r}{c}" for r in "xyz" for c in "xyz")}
+    sums = (f"y{output.tool_size + k + 1}" for k in range(len(output.weights)))
+    labels = {"y_ref": (*output.axes, *["angle"] * output.has_angle, *sums)}
+    if output.is_pose:
+        labels["R_ref"] = tuple(f"{r}{c}" for r in "xyz" for c in "xyz")
+    return labels
 
 
 def output_units(model: RobotModel) -> tuple[str, ...]:

@@ -31,18 +31,16 @@ def _unit(template: str, units: Sequence[str]) -> tuple[str, str]:
 def _output_unit(template: str, model: RobotModel) -> tuple[str, str]:
     """Unit of an array of numbers of the output, and a note where its parts differ in unit."""
     output = model.output
+    meter = template.format(y="m")
+    angle = template.format(y="rad")
+    sums = ", then the joints" if output.is_with_joints else ""
     if output.has_angle:
-        angle = template.format(y="rad")
-        return "mixed", f"; {template.format(y='m')} for the position, then {angle} for the angle"
-    if output.type != "tool_pose":
-        return template.format(y=output.unit if output.type == "combination" else "m"), ""
-    return (
-        "mixed",
-        (
-            f"; {template.format(y='m')} for the position, then {template.format(y='rad')} for "
-            "the rotation"
-        ),
-    )
+        return "mixed", f"; {meter} for the position, then {angle} for the angle{sums}"
+    if output.is_pose:
+        return "mixed", f"; {meter} for the position{sums}, then {angle} for the rotation"
+    if sums:
+        return "mixed", f"; {meter} for the position{sums}"
+    return template.format(y=output.unit if output.type == "combination" else "m"), ""
 
 
 def port(name: str, model: RobotModel, sizes: dict[str, int]) -> Port:
@@ -50,7 +48,8 @@ def port(name: str, model: RobotModel, sizes: dict[str, int]) -> Port:
     extents, template, meaning = PORTS[name]
     if name == "target" and model.output.type == "tool_pose":
         unit = "mixed"
-        remark = ": position [m], rotation matrix by columns"
+        sums = ", the joints [rad or m]" if model.output.weights else ""
+        remark = f": position [m]{sums}, rotation matrix by columns"
     elif "{y}" in template:
         unit, remark = _output_unit(template, model)
     else:

@@ -157,16 +157,14 @@ def home_output(model: RobotModel, equations: Equations, q_a: np.ndarray) -> np.
     """The output at a pose, (n_t,): for a pose of the tool its position, then the rotation matrix
     by columns.
     """
-    p, R = (x[0] for x in evaluate(equations.function("forward_kinematics"), q_a))
-    if model.output.type == "tool_pose":
-        return np.concatenate([p.ravel(), R.reshape(3, 3).T.ravel()])
+    y = evaluate(equations.function("output"), q_a)[0].ravel()
     if model.output.type == "combination":
         found: np.ndarray = np.array(model.output.weights) @ q_a
         return found
-    position = p.ravel()[list(model.output.tool_rows)]
-    if not model.output.has_angle:
-        return np.array(position)
-    return np.append(position, evaluate(equations.function("output"), q_a)[0].ravel()[-1])
+    if not model.output.is_pose:
+        return np.array(y)
+    R = evaluate(equations.function("forward_kinematics"), q_a)[1][0]
+    return np.concatenate([y, R.reshape(3, 3).T.ravel()])
 
 
 def _variables(
@@ -196,12 +194,17 @@ def path_inputs(
     ahead = f"of the path, {options.look_ahead:g} s ahead"
     start = home_output(model, equations, held.q_a)
     pose = model.output.type == "tool_pose"
-    units = ["m"] * 3 + ["1"] * 9 if pose else list(output_units(model))
-    rates = ["m"] * 3 + ["rad"] * 3 if pose else units
+    before = list(output_units(model))
+    units = before + ["1"] * 9 if pose else before
+    rates = before + ["rad"] * 3 if pose else before
     out = []
     turn = model.output.tool_size - 1 if model.output.has_angle else -1
     for k in range(n_t):
-        text = f"position {ahead}" if k < 3 or not pose else f"rotation matrix by columns {ahead}"
+        text = (
+            f"position {ahead}"
+            if k < len(before) or not pose
+            else f"rotation matrix by columns {ahead}"
+        )
         if k == turn:
             text = f"angle of the tool {ahead}"
         out.append(

@@ -123,5 +123,6 @@ def output_jacobian(equations: Equations) -> ca.Function:
         rate = tool_angle(equations).rate
         W = ca.vertcat(W, ca.substitute(rate, equations.lagrangian.chain.q_a, q))
     if model.output.weights:
-        W = ca.vertcat(W, ca.SX(ca.DM(model.output.weights)))
+        first = model.output.tool_size
+        W = ca.vertcat(W[:first, :], ca.SX(ca.DM(model.output.weights)), W[first:, :])
     return ca.Function("W", [q], [ca.densify(W)])

@@ -124,7 +124,7 @@ def plan_error(
     )
     if equations.model.output.type == "tool_pose":
         R, S = (evaluate(equations.function("forward_kinematics"), t["q_a"])[1] for t in both)
-        in_rad = float(turn_angle(S, R).max())
+        in_rad = max(in_rad or 0.0, float(turn_angle(S, R).max()))
     return in_m, in_rad
 
 

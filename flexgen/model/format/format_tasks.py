@@ -44,7 +44,17 @@ from flexgen.model.elements import (
     coordinates_of,
 )
 from flexgen.model.format.format_robot import PLACEMENT, RPY
-from flexgen.model.moves import DEGREES, RADIUS, Carrier, Move, MoveC, MoveL, PoseTarget, WorkFrame
+from flexgen.model.moves import (
+    DEGREES,
+    RADIUS,
+    Carrier,
+    Move,
+    MoveC,
+    MoveL,
+    PoseTarget,
+    Posture,
+    WorkFrame,
+)
 
 PROFILE_MAX = 8  # number of bounds: the speed and seven of its derivatives
 MOST_TURNS = 100
@@ -77,6 +87,45 @@ def _read_joints(table: Table, key: Key, here: Context) -> Output:
     return Output("combination", "", weights, used.pop() if len(used) == 1 else "mixed")
 
 
+def _read_further(table: Table, key: Key, here: Context) -> Matrix:
+    """The weights (k, n_a) of actuated coordinates that are outputs after those of the tool."""
+    coordinates = coordinates_of(here.of_file("element"))
+    actuated = [c.name for c in coordinates if c.actuated]
+    joints = table.words(key.name)
+    for joint in joints:
+        if joint not in actuated:
+            raise table.fail(key.name, closest(joint, actuated))
+    return tuple(tuple(float(c.name == joint) for c in coordinates) for joint in joints)
+
+
+def _read_posture(table: Table, key: Key, here: Context) -> Posture:
+    """How a move chooses the joints that the tool leaves free."""
+    names = [c.name for c in list_actuated(here)]
+    inner = table.table(key.name)
+    assert inner is not None  # the key is there
+    inner.only("joints", "weights")
+    parts: dict[str, dict[str, float]] = {"joints": {}, "weights": {}}
+    for part, found in parts.items():
+        own = inner.table(part)
+        if own is not None:
+            own.only(*names)
+            found.update((name, own.number(name)) for name in names if name in own)
+    posture = Posture(
+        tuple(parts["joints"]),
+        tuple(parts["joints"].values()),
+        tuple(parts["weights"]),
+        tuple(parts["weights"].values()),
+    )
+    spare = len(names) - here.of_file("output").of_tool.size
+    if spare < 1:
+        raise table.fail(key.name, "no posture, because the tool determines all joints")
+    if len(posture.joints) > spare:
+        raise inner.fail("joints", f"at most {spare} joints: the tool determines the others")
+    if not all(weight > 0.0 for weight in posture.weights):
+        raise inner.fail("weights", "numbers > 0")
+    return posture
+
+
 def _read_rows(table: Table, key: Key, here: Context) -> Matrix:
     """Weights (n_y, n_a) of an output, row by row; an error where rows are zero or depend on each
     other.
@@ -99,6 +148,13 @@ _WEIGHTS = {
     "additionalProperties": number().schema | {"description": "weight of this coordinate"},
 }
 _ROWS = Type(_read_rows, {"type": "array", "items": _WEIGHTS, "minItems": 1})
+_FURTHER = Key(
+    "joints",
+    Type(_read_further, words().schema),
+    "actuated coordinates that are outputs too, after the position and the angle of the tool",
+    default=(),
+    attribute="weights",
+)
 _AXES = 'axes of the position: one or more letters of "xyz", in this order'
 _AXES_KEY = Key("axes", text(pattern="^(?=.)x?y?z?$"), _AXES, default="xyz", check=_check_axes)
 _AXIS = "axis of the angle, world axes; the angle counts counterclockwise about it"
@@ -110,7 +166,7 @@ OUTPUT = Kinds(
     {
         "tool_position": Format(
             "position of the tool",
-            (_AXES_KEY,),
+            (_AXES_KEY, _FURTHER),
             Output,
         ),
         "tool_position_angle": Format(
@@ -119,11 +175,12 @@ OUTPUT = Kinds(
                 _AXES_KEY,
                 Key("rotation_axis", direction(), _AXIS),
                 Key("reference", choice("x", "y", "z"), _REFERENCE, default="x"),
+                _FURTHER,
             ),
             partial(Output, unit="mixed"),
         ),
         "tool_pose": Format(
-            "position and orientation of the tool", (), partial(Output, unit="mixed")
+            "position and orientation of the tool", (_FURTHER,), partial(Output, unit="mixed")
         ),
         "joint": Format(
             "arm coordinates",
@@ -574,10 +631,27 @@ _CIRCLE = (
 _LEGS = Key("legs", listed(LEG, plural=False), "lines and arcs")
 
 
+_BY_JOINT = {"type": "object", "additionalProperties": number().schema}
+_POSTURE = Key(
+    "posture",
+    Type(
+        _read_posture,
+        {
+            "type": "object",
+            "propertyNames": {"enum": ["joints", "weights"]},
+            "additionalProperties": _BY_JOINT,
+        },
+    ),
+    "how the joints that the tool leaves free are chosen: `joints`, whose change in the move is "
+    "given, 0 for fixed; `weights` of the squared speeds of the others",
+    default=None,
+)
+
+
 def _of_tool(doc: str, *keys: Key) -> Format:
     return Format(
         doc,
-        (FRAME_KEY, CARRIED_KEY, _START, *_time(), RADIUS_KEY, *keys),
+        (FRAME_KEY, CARRIED_KEY, _START, *_time(), RADIUS_KEY, *keys, _POSTURE),
         partial(in_frame, Move),
         before=_needs_tool,
         where=True,

@@ -105,10 +105,13 @@ class ProcessForce:
                     f"{' '.join(output.axes)}"
                     + (" and the angle about one axis, on which no torque acts" * output.has_angle)
                 )
-        on_angle = np.zeros((len(jets), output.size - len(rows)))
-        return np.hstack(
-            [x for order in range(3) for x in (jets[:, 6 * order :][:, rows], on_angle)]
-        )
+        further = np.zeros((len(jets), output.size - len(rows)))  # no force on joints and angle
+        n = len(output.axes)
+        parts: list[np.ndarray] = []
+        for order in range(3):
+            own = jets[:, 6 * order :][:, rows]
+            parts += [own[:, :n], further, own[:, n:]]
+        return np.hstack(parts)
 
     @property
     def resolving(self) -> float:

@@ -161,7 +161,7 @@ def smoothness_report(
     configurations = _configurations(equations, path, [time for time, _, _ in found])
     jumps = []
     for k, (time, order, jump) in enumerate(found):
-        n = 3 if path.pose else len(jump)
+        n = path.equations.model.output.first_turn if path.pose else len(jump)
         entry = Jump(
             time,
             order,

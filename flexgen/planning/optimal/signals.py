@@ -61,7 +61,7 @@ class Signals(Mapping[str, ca.SX]):
         self.y, self.dy, self.ddy = (ca.SX.sym(f"{x}{name}", n) for x in ("y", "dy", "ddy"))
         self.tau = ca.SX.sym(f"tau_m{name}", model.n_m)
         self.time = ca.SX.sym(f"t{name}")
-        n_t = 12 if model.output.type == "tool_pose" else model.output.size
+        n_t = model.output.target_size
         self.reference = ca.SX.sym(f"reference{name}", n_t if tracked else 0)
         self._signals: dict[str, Signal] = {}
         for signal in self._make():

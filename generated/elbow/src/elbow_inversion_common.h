@@ -17,6 +17,7 @@ enum {
     NM = ELBOW_NM,
     NY = ELBOW_NY,
     NT = ELBOW_NT,
+    PLACES = ELBOW_POSE ? NY - 3 : NY, /* outputs before the rotation of a pose */
     PARAMETERS = ELBOW_PARAMETERS, /* run-time parameters */
     POINTS = BLOCK,
     STAGES = 3,

@@ -66,8 +66,7 @@ static inline void reference_at(const elbow_samples *p, int k, real x, real *out
         const real *y0 = p->y + at * NT, *y1 = y0 + NT;
         const real *v0 = p->dy + at * NY, *v1 = v0 + NY;
         const real *a0 = p->ddy + at * NY, *a1 = a0 + NY;
-        const int positions = ELBOW_POSE ? 3 : NY;
-        for (int i = 0; i < positions; ++i) {
+        for (int i = 0; i < PLACES; ++i) {
             real left[3] = {y0[i], T * v0[i], T * T * a0[i]};
             real right[3] = {y1[i], T * v1[i], T * T * a1[i]};
             real q[3];
@@ -135,11 +134,10 @@ static inline void decay_step(const real *x, real tau, real *out)
 /* A path with a deviation, at one instant. */
 static inline void add_deviation(const real *plan, const real *x, real T, real *out)
 {
-    const int positions = ELBOW_POSE ? 3 : NY;
     for (int i = 0; i < REFERENCE; ++i) {
         out[i] = plan[i];
     }
-    for (int i = 0; i < positions; ++i) {
+    for (int i = 0; i < PLACES; ++i) {
         out[i] += x[i];
         out[NT + i] += x[NY + i] / T;
         out[NT + NY + i] += x[2 * NY + i] / (T * T);
@@ -149,10 +147,9 @@ static inline void add_deviation(const real *plan, const real *x, real T, real *
 /* Length and angle of a deviation. */
 static inline void size_of_deviation(const real *x, real out[2])
 {
-    const int positions = ELBOW_POSE ? 3 : NY;
     out[0] = out[1] = 0.0;
     for (int i = 0; i < NY; ++i) {
-        out[i < positions ? 0 : 1] += x[i] * x[i];
+        out[i < PLACES ? 0 : 1] += x[i] * x[i];
     }
     out[0] = square_root(out[0]);
     out[1] = square_root(out[1]);

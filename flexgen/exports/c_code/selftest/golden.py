@@ -80,10 +80,9 @@ def output_at(equations: Equations, q_a: np.ndarray) -> np.ndarray:
     """
     if equations.model.output.type != "tool_pose":
         return np.asarray(evaluate(equations.function("output"), q_a)[0][0], dtype=float)
-    p, R = (
-        np.asarray(part[0]) for part in evaluate(equations.function("forward_kinematics"), q_a)
-    )
-    return np.concatenate([p, R.T.ravel()])
+    y = np.asarray(evaluate(equations.function("output"), q_a)[0][0])
+    R = np.asarray(evaluate(equations.function("forward_kinematics"), q_a)[1][0])
+    return np.concatenate([y, R.T.ravel()])
 
 
 def compute_expected(
