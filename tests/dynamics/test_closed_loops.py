@@ -50,6 +50,12 @@ def test_four_bar_accelerations_are_those_of_multipliers(tmp_path: Path) -> None
     assert worst_of(read_text(tmp_path, FOUR_BAR), 100, 2.0) < 1e-10
 
 
+@pytest.mark.slow
+def test_palletizer_accelerations_are_those_of_multipliers() -> None:
+    """Three loops, elastic and heavy rods, a balancer: asked 1e-9."""
+    assert worst_of(flexgen.read("palletizer"), 20) < 1e-9
+
+
 def test_multipliers_find_a_lost_term(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Passive speeds without the part of one coordinate."""
     right = kinematics.joint_motions

@@ -161,6 +161,7 @@ class Multipliers:
             places[element.name] = bodies[element.name] = (k, r, C)
             self.add(k, r, C, element.body)
         self.places = places
+        self.bodies = bodies
         self.add(*places[self.model.tip], self.model.payload)
 
     def add(self, k: int, r: np.ndarray, C: np.ndarray, body: Any) -> None:
@@ -256,6 +257,8 @@ class Multipliers:
                 M[at, at][3:, 3:] += inertia
                 f[at] += P.T @ (mass * (g - np.cross(node.w, np.cross(node.w, c))))
                 f[at][3:] -= np.cross(node.w, inertia @ node.w)
+        for line in self.model.lines:
+            self.add_line(line, M, f)
         for dof, i, j, _ in self.joints:
             x = np.zeros(6 * (n + 1))
             axis = self.axes[dof.name]
@@ -276,6 +279,28 @@ class Multipliers:
         K = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
         a = np.linalg.solve(K, np.concatenate([f, gamma]))[: 6 * n].reshape(n, 6)
         return self.joint_accelerations(np.vstack([np.zeros(6), a]))
+
+    def add_line(self, line: Any, M: np.ndarray, f: np.ndarray) -> None:
+        """Mass and tension of a rod or spring with the velocities of its ends, linear in between:
+        m/3, m/6, m/3, half of the weight at each end.
+        """
+        ends = []
+        for end in (line.start, line.end):
+            k, r, C = self.bodies[end.element]
+            node = self.tree[k]
+            c = node.R @ (r + C @ np.array(end.position))
+            P = np.zeros((3, 6 * len(self.tree)))
+            P[:, 6 * k : 6 * k + 6] = np.hstack([np.eye(3), -skew(c)])
+            bias = np.cross(node.w, np.cross(node.w, c))
+            ends.append((P[:, 6:], bias, node.p + c))
+        (P1, b1, p1), (P2, b2, p2) = ends
+        m = line.mass
+        M += m / 6.0 * (2.0 * P1.T @ P1 + P1.T @ P2 + P2.T @ P1 + 2.0 * P2.T @ P2)
+        f -= m / 6.0 * (P1.T @ (2.0 * b1 + b2) + P2.T @ (b1 + 2.0 * b2))
+        f += m / 2.0 * (P1 + P2).T @ np.array(self.model.gravity)
+        length = np.linalg.norm(p2 - p1)
+        tension = getattr(line, "preload", 0.0) + line.stiffness * (length - line.length)
+        f += tension * (P1 - P2).T @ ((p2 - p1) / length)
 
     def joint_accelerations(self, a: np.ndarray) -> dict[str, float]:
         """Relative accelerations along the joints from those of the nodes."""

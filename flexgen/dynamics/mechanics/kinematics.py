@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from flexgen.model.elements import Body, Element, Matrix, Placement, RobotModel
+from flexgen.model.elements import Body, Element, LoopFrame, Matrix, Placement, RobotModel
 
 if TYPE_CHECKING:
     from flexgen.dynamics.mechanics.beam import ModalBeam
@@ -225,8 +225,9 @@ def corners(model: RobotModel) -> list[tuple[str, int]]:
     the tool.
 
     Points of an element: 0 its origin, 1 its joints, 2 its body frame, 3 the tip of its beam, 4
-    the center of mass of a body at the end of a branch; ``("base", 0)``, and ``("", 0)`` the tool.
-    From the end of a branch the line goes back to where the next one begins.
+    the center of mass of a body at the end of a branch, 5 and on the ends of kinematic loops;
+    ``("base", 0)``, and ``("", 0)`` the tool. From the end of a branch the line goes back to where
+    the next one begins.
     """
     trails = {"base": [("base", 0)]}
     line = [("base", 0)]
@@ -240,11 +241,21 @@ def corners(model: RobotModel) -> list[tuple[str, int]]:
 
     for element in model.elements:
         own = [(element.name, k) for k in range(3 if element.beam is None else 4)]
-        if element.name not in model.parents.values() and element.name != model.tip:
+        closing = [k for k, at in _closing_points(model, element.name) if any(at.position)]
+        for k in closing:
+            own += [(element.name, k), (element.name, 2)]
+        ends = element.name not in model.parents.values() and element.name != model.tip
+        if ends and not closing:
             own.append((element.name, 4))
         here = trails[element.name] = walk(model.parents[element.name], own)
     walk(model.tip, [("", 0)])
     return line
+
+
+def _closing_points(model: RobotModel, element: str) -> list[tuple[int, LoopFrame]]:
+    """Ends of kinematic loops at an element, with the numbers of their corner points."""
+    ends = [end for loop in model.loops for end in (loop.start, loop.end)]
+    return [(5 + k, end) for k, end in enumerate(ends) if end.element == element]
 
 
 def joint_motions(model: RobotModel, q_a: ca.SX, v_a: ca.SX) -> dict[str, tuple[ca.SX, ca.SX]]:
@@ -297,6 +308,8 @@ def kinematics(model: RobotModel) -> Kinematics:
         points[element.name, 4] = frame.p + ca.mtimes(
             frame.R, ca.vertcat(*map(ca.SX, element.body.com))
         )
+        for k, end in _closing_points(model, element.name):
+            points[element.name, k] = place(frame, end).p
         terms = body_energies(frame, element.body, gravity)
         kinetic = kinetic + terms[0]
         potential = potential + terms[1]

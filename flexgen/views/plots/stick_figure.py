@@ -44,6 +44,10 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
         "elastic joint without motor",
         {"marker": "D", "ms": 5, "mfc": ORANGE, "mec": "white", "mew": 0.8},
     ),
+    "passive": (
+        "passive joint of a kinematic loop",
+        {"marker": "o", "ms": 4, "mfc": "white", "mec": INK, "mew": 1.0},
+    ),
 }
 
 
@@ -210,8 +214,9 @@ def _kinds_of(dofs: Any) -> list[str]:
     found = {
         "free" if d.gear is None else "rigid" if d.gear.rigid else "elastic"
         for d in dofs
-        if not d.mimic
+        if not d.dependent
     }
+    found |= {"passive" for d in dofs if d.passive is not None}
     return [kind for kind in _KINDS if kind in found]
 
 
