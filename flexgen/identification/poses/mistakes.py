@@ -32,6 +32,10 @@ SHUFFLES = (
 STILL = 1e-9  # m: largest motion of a tracker that no joint moves
 # most of the error that is left where a mistake is named, which is below `DOUBTFUL`, too
 NAMED = 1 / 3
+# part of the poses in which a joint has one value, and number of the others, at least, where it is
+# stuck
+STUCK = 0.1
+FEWEST = 8
 
 
 def find_start(
@@ -192,6 +196,7 @@ def possible_mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[st
     trackers = [sensor.name for sensor in trackers_of(model)]
     for words, commands in _mistakes_of_commands(model, some.commands):
         yield words, replace(some, commands=commands)
+    yield from _stuck_joints(model, data)
     for words, factor in (("mm, read as m", 1e-3), ("m, read as mm", 1e3)):
         yield f"positions in {words}", replace(some, positions=some.positions * factor)
     for k, c in product(range(len(trackers)), range(3)):
@@ -253,6 +258,25 @@ def _mistakes_of_commands(
                 f"exchanged columns of {joints[i].name} and {joints[j].name}",
                 commands[:, order],
             )
+
+
+def _stuck_joints(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, StaticPoses]]:
+    """Joints whose commands keep one value in many poses while others change, and some of the
+    poses without these.
+    """
+    joints = [c for c in model.coordinates if c.actuated]
+    for k, joint in enumerate(joints):
+        q = data.commands[:, k]
+        values, counts = np.unique(q, return_counts=True)
+        stuck = q == values[np.argmax(counts)]
+        others = np.ptp(data.commands[stuck], axis=0) > 0.0
+        kept = np.flatnonzero(~stuck)
+        if len(kept) < FEWEST or stuck.sum() < STUCK * len(q) or not others.any():
+            continue
+        kept = kept[:: max(1, len(kept) // ENOUGH)]
+        first = int(np.flatnonzero(stuck)[0]) + 1
+        words = f"{joint.name} stuck at {q[stuck][0]:.4g} in {stuck.sum()} poses from row {first}"
+        yield words, StaticPoses(data.commands[kept], data.positions[kept])
 
 
 def _exchange(count: int, i: int, j: int) -> list[int]:

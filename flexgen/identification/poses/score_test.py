@@ -29,6 +29,7 @@ from scipy.stats import chi2, norm
 from flexgen.base.display import plain
 from flexgen.base.errors import SolverError
 from flexgen.identification.poses.fit import Minimum, Poses, fit
+from flexgen.identification.poses.frame_changes import find_frame_change
 from flexgen.identification.poses.parameters import GROUPS, Priors, Unknown, unknowns_of
 from flexgen.identification.poses.statics import Numbers, Rest, Statics
 from flexgen.identification.poses.tree import Tree
@@ -230,10 +231,33 @@ def score_test(problem: Poses, found: Minimum, taken: Sequence[str]) -> tuple[Su
 
 
 def find_causes(problem: Poses, found: Minimum, taken: Sequence[str]) -> tuple[Suspect, ...]:
-    """`score_test`, with a direction of gravity first where that explains most of the errors."""
+    """`score_test`; first what explains most of the errors: a frame of the measurement that moved,
+    or a direction of gravity.
+    """
     suspects = score_test(problem, found, taken)
-    gross = gross_gravity(problem, found) if suspects else None
-    return suspects if gross is None else (gross, *suspects)
+    change = frame_that_moved(problem, found)
+    # a sag against gravity asks for negative compliances, and these are held by their bounds
+    held = bool((found.x <= problem.lower).any())
+    doubtful = bool(suspects) or held
+    gross = gross_gravity(problem, found) if doubtful and change is None else None
+    first = [suspect for suspect in (change, gross) if suspect is not None]
+    return (*first, *suspects)
+
+
+def frame_that_moved(problem: Poses, found: Minimum) -> Suspect | None:
+    """A tracker or a base that moved between two poses."""
+    groups = problem.statics.groups
+    touched = groups is not None and bool((groups >= 0).any())
+    if touched or problem.statics.touches is not None or found.scale <= problem.sharpest:
+        return None
+    valid = problem.valid[..., None]
+    residuals = np.where(valid, problem.measured - found.rest.measured, np.nan)
+    change = find_frame_change(residuals, FALSE_ALARMS)
+    if change is None:
+        return None
+    name = f"a frame of the measurement that moved: its shift from row {change.row} of the poses"
+    shift = tuple(change.shift.tolist())
+    return Suspect(name, change.score, (0.0, 0.0, 0.0), shift, "m", change.share)
 
 
 def scores(problem: Poses, found: Minimum, taken: Sequence[str]) -> tuple[Suspect, ...]:

@@ -113,6 +113,7 @@ REPEATED = 0.005
 # equal samples in a row at the largest torque; more where samples are often equal, so that chance
 # has a row of them in a hundred records
 CLIPPED = 3
+ARM_SIDE = 3.0  # torque over the limit of its motor, from which on it is not that of the motor
 CHANCE = 1e-2
 MOVED = 1e-3  # of the range of an angle: a motor that moves by less in such a row rests
 SIZE_MAX = 2_000_000_000  # bytes of a file
@@ -671,6 +672,12 @@ def _check_torque(
     rows = np.lib.stride_tricks.sliding_window_view(at_top, length).all(axis=1)
     moved = np.abs(angle[length - 1 :] - angle[: len(angle) - length + 1])
     clipped = rows & (moved > MOVED * np.ptp(angle))
+    if limit is not None and top > ARM_SIDE * limit:
+        raise ArgumentError(
+            f"{where}: given up to {top:.4g} N m, expected the torque of a motor whose limit in "
+            f"the model file is {limit:.4g} N m: probably it is on the arm side of the gear, or "
+            "in another unit"
+        )
     if clipped.any() or (limit is not None and top >= 0.999 * limit):
         k = int(np.argmax(at_top))
         raise ArgumentError(

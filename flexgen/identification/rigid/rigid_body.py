@@ -36,6 +36,7 @@ from flexgen.identification.estimator.residuals import rms
 from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.estimator.validation import Piece, parts_of, validate
 from flexgen.identification.rigid import rigid_accuracy
+from flexgen.identification.rigid.channel_mistakes import find_channel_mistake
 from flexgen.identification.rigid.feasible_bodies import Feasible, scales, units
 from flexgen.identification.rigid.feasible_motors import is_possible
 from flexgen.identification.rigid.rigid_columns import BLOCK, Columns, band_of
@@ -271,7 +272,7 @@ def identify_rigid(
     carried = payload_in(robot)
     weak = _Prior(file, prior * scales(file - carried), lags_sd, carried)
     at = _Numbers(file, np.zeros((robot.n_m, flat.F[0].shape[2])), np.zeros(robot.n_g + 1))
-    mistake = None
+    mistake: Mistake | None = None
     sd = np.maximum(np.std(np.vstack(flat.below(limit).measured), axis=0), 1e-12)
     for _ in range(1 + robot.n_m):  # more only where friction falls with speed
         flat, at, sd, change = _settle(flat, limit, weak, at, sd)
@@ -291,6 +292,10 @@ def identify_rigid(
             break
         if is_over():
             break
+        if (error_rms > rigid_accuracy.LARGE * scale).any():
+            mistake = find_channel_mistake(regressor, motions, file, weak.sd)
+            if mistake is not None:
+                break
         mistake, more = find_causes(whole, limit, at[:2], terms, error, weight, information)
         if not more.any():
             break

@@ -29,6 +29,11 @@ SHARE = 0.5  # of the residuals of a motor that a mistake explains
 FALLS = 0.05  # of the residuals of a motor that friction explains which falls with speed
 SURE = 5.0  # deviations from zero
 SPEEDS = (0.02, 0.06, 0.2, 0.6)  # over the largest speed, to which friction falls
+# Least and largest gravity over that of the model for which the clock is wrong: the gravity of the
+# Earth is known, and accelerations scale with the square of the clock.
+CLOCKS = (0.5, 1.5)
+ALONG = 0.99  # component of gravity over its size, along an axis
+CLOCK = "a clock of the recording whose times are longer than true by [%]"
 NOTHING = 1e-9  # of a column that is left where the fit has others for it
 
 
@@ -142,7 +147,11 @@ def find_causes(
         share = float(scores.shares[:, best].max())
         if share >= SHARE and scores.is_sure(best):
             what, nominal = names[best]
-            return Mistake(what, nominal + float(scores.value[best]), share), found
+            value = float(scores.value[best])
+            clock = _clock_error(whole.regressor.model.gravity, what, value)
+            if clock is not None:
+                return Mistake(CLOCK, clock, share), found
+            return Mistake(what, nominal + value, share), found
     for j in range(motors):
         own = np.arange(len(names) + j, len(scores.gain), motors)
         k = int(own[np.argmax(scores.gain[own])])
@@ -154,6 +163,22 @@ def find_causes(
         ):
             found[j] = fades[k - len(names)]
     return None, found
+
+
+def _clock_error(gravity: tuple[float, ...], what: str, change: float) -> float | None:
+    """Percents by which times are too long, where a change of gravity along itself has this
+    effect; None: it is no such change.
+
+    Times that are longer by s have accelerations smaller by s^2: bodies that are larger by s^2
+    explain them under the gravity g / s^2.
+    """
+    size = float(np.linalg.norm(gravity))
+    for axis, component in zip("xyz", gravity, strict=True):
+        if what.startswith(f"gravity along {axis}") and abs(component) > ALONG * size:
+            factor = 1.0 + change / component
+            if CLOCKS[0] < factor < CLOCKS[1]:
+                return 100.0 * float(1.0 / np.sqrt(factor) - 1.0)
+    return None
 
 
 def _scores(
