@@ -20,7 +20,8 @@ import flexgen
 from flexgen.base.spec.parts import Tolerances
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.studies.tolerances import prediction
-from flexgen.studies.tolerances.sources import WEAK
+from flexgen.studies.tolerances.response import linearize, response
+from flexgen.studies.tolerances.sources import WEAK, sources_of
 
 ROBOTS = 200
 ALL = {"stiffness": 0.1, "friction": 0.2, "masses": 0.03, "motor_inertia": 0.05, "payload": 0.2}
@@ -143,8 +144,6 @@ def test_95_percent_of_the_robots_keep_the_error_and_planted_errors_are_seen(cas
 
 def test_each_robot_has_the_error_that_is_simulated():
     """Of the same robots, not only of their distribution."""
-    from flexgen.studies.tolerances.response import linearize, response
-    from flexgen.studies.tolerances.sources import sources_of
 
     model = solved().model
     sources = sources_of(model, Tolerances(stiffness=0.1, masses=0.03))
@@ -217,3 +216,27 @@ def test_the_fewest_sources_that_halve_the_error_are_found_one_by_one(count):
         left = [errors * ~np.isin(known.names, found[:k]) for k in (len(found) - 1, len(found))]
         assert np.quantile(prediction.largest_errors(rows, left[0]), 0.95) > half
         assert np.quantile(prediction.largest_errors(rows, left[1]), 0.95) <= half
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", [-1.5, 0.7])
+def test_matrices_are_quadratic_in_a_center_of_mass(error):
+    """Those of a robot with another center of mass; with slopes alone they are not."""
+    model = solved().model
+    name = f"{model.elements[-1].name}.com_x"
+    known = sources_of(model, Tolerances(parameters=(name,), sd=(0.9,)))
+    along = linearize(derive(model), solved().trajectory, known)
+    key = f"element.{model.elements[-1].name}.body.com"
+    com = np.array(model.elements[-1].body.com) * [1.0 + error, 1.0, 1.0]
+    other = flexgen.read("planar5_nmp", overrides={key: com.tolist()})
+    there = linearize(derive(other), solved().trajectory, sources_of(other, HEAVY_TABLE))
+    ends = [0, -1]  # the steps between them are others
+    slopes = (along.M + error * along.varying[0][0])[ends]
+    found = slopes + error**2 * along.squares[0][0][ends]
+    exact = there.M[ends]
+    assert np.abs(found - exact).max() < 1e-9 * np.abs(exact).max()
+    assert np.abs(slopes - exact).max() > 1e-4 * np.abs(exact).max()
+    assert known.signed.tolist() == [True]
+
+
+HEAVY_TABLE = Tolerances(masses=0.1)

@@ -119,6 +119,7 @@ masses = 0.03
 motor_inertia = 0.05
 payload = 0.5
 delay = 1e-4
+misfit = 0.05
 common = ["masses"]
 parameters = ["q0.stiffness", "m0.inertia"]
 sd = [0.02, 0.04]

@@ -20,7 +20,8 @@ class Tolerances:
     """Relative standard deviations of all numbers of a kind, or by name (names as in
     `flexgen.derive`).
 
-    ``payload`` [kg]; ``delay`` [s] of the drives; ``common``: kinds with one relative error;
+    ``payload`` [kg]; ``delay`` [s] of the drives; ``misfit``: rms of the errors of positions that
+    no number explains, over the elastic displacement; ``common``: kinds with one relative error;
     ``correlation``: of the named ones, row by row.
     """
 
@@ -32,6 +33,7 @@ class Tolerances:
     lost_motion: float = 0.0
     payload: float = 0.0
     delay: float = 0.0
+    misfit: float = 0.0
     common: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     sd: tuple[float, ...] = ()

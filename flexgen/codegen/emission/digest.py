@@ -61,6 +61,7 @@ NEWER = (
     "Tolerances.lost_motion",
     "Tolerances.delay",
     "posture",
+    "Tolerances.misfit",
 )  # left out where empty or of the default: digests from before there were these fields stay
 
 

@@ -38,6 +38,7 @@ from flexgen.identification.commissioning.blocks import Block, Channel
 from flexgen.identification.commissioning.elastic_arm import ElasticArm
 from flexgen.identification.commissioning.folder import Records, list_records, read_records
 from flexgen.identification.commissioning.joint_fit import JointFit, fit_jointly
+from flexgen.identification.commissioning.misfit import measure_misfit
 from flexgen.identification.commissioning.motion_block import MotionBlock
 from flexgen.identification.commissioning.poses_block import PosesBlock, in_frame
 from flexgen.identification.commissioning.record_faults import check_motion, check_responses
@@ -157,10 +158,11 @@ def commission(
 
 @dataclass(frozen=True, eq=False)
 class _Verdict:
-    """Fit to a part of the records, and errors on the others."""
+    """Fit to a part of the records, errors on the others, and their `measure_misfit`."""
 
     fit: JointFit
     held_out: tuple[HeldOut, ...]
+    misfit: float | None
 
 
 class _Study:
@@ -306,7 +308,8 @@ class _Study:
         after = self._errors(fit.written)
         rigid = self._rigid_errors(file.x)
         rows = [HeldOut(*key, before[key], after[key], rigid.get(key)) for key in after]
-        return _Verdict(fit, tuple(rows))
+        misfit = measure_misfit(self.blocks, fit.written, self.held_out_rows)
+        return _Verdict(fit, tuple(rows), misfit)
 
     def fit_all(self, near: JointFit) -> JointFit:
         """Fit all parts of all records."""
@@ -470,5 +473,5 @@ def _result(
         status = FitStatus.of_value(reason)
     return Commissioning(
         robot, study.robot, fit, status, tuple(problems), verdict.held_out, data.kinds,
-        tuple(notes), wall_s,
+        tuple(notes), wall_s, verdict.misfit,
     )  # fmt: skip

@@ -88,6 +88,8 @@ class Commissioning(FitResult):
     notes : tuple of str
         What was done to the records, as sentences.
     wall_s : float [s]
+    misfit : float or None
+        Errors of positions on these parts over their elastic displacement; None: there is none.
 
     Examples
     --------
@@ -110,6 +112,7 @@ class Commissioning(FitResult):
     records: Mapping[str, list[str]]
     notes: tuple[str, ...]
     wall_s: float
+    misfit: float | None = None
 
     def __repr__(self) -> str:
         """Robot, status and records, in one line."""
@@ -346,7 +349,9 @@ class Commissioning(FitResult):
         correlation = np.round(clipped / np.outer(root, root), 6)
         np.fill_diagonal(correlation, 1.0)
         relative = np.minimum(sd[rows] * slopes, LARGEST_SD)
+        lacking = min(self.misfit or 0.0, LARGEST_SD)
         return {
+            **({"uncertainty.misfit": float(f"{lacking:.3g}")} if lacking else {}),
             "uncertainty.parameters": [unknowns.names[k] for k in rows],
             "uncertainty.sd": [float(f"{x:.6g}") for x in relative],
             "uncertainty.correlation": correlation.ravel().tolist(),
@@ -363,6 +368,7 @@ class Commissioning(FitResult):
             Row("status", str(self.status), "", "status"),
             Row("records", kinds, "", "kinds_of_records"),
             Row("time of the fit", self.wall_s, "s", "wall_s"),
+            Row("misfit of positions over elastic displacement", self.misfit, "", "misfit"),
             Prose(f"{verdict}.", "status"),
             self._table(),
             self._verdict(),

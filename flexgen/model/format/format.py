@@ -396,6 +396,12 @@ UNCERTAINTY = Format(
             0.0,
         ),
         Key(
+            "misfit",
+            _SD,
+            "errors of positions that no number explains, rms over the elastic displacement",
+            default=0.0,
+        ),
+        Key(
             "common", words(0), "kinds whose numbers all have the same relative error", default=()
         ),
         Key(

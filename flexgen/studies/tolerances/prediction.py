@@ -37,6 +37,16 @@ from flexgen.inversion.judge.status import Status
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.model.elements import Move, RobotModel
+from flexgen.studies.tolerances.misfit import (
+    MISFIT,
+    add_misfit,
+    append_misfit,
+    elastic_displacement,
+    merge_names,
+    merge_shares,
+    misfit_rows,
+    with_misfit,
+)
 from flexgen.studies.tolerances.response import (
     Along,
     Response,
@@ -142,6 +152,16 @@ def predict(
         )
         found = _simulate(along, errors[:robots])
         ended = reason_of_end() if found.error.shape[1] < robots else ""
+        if robot.uncertainty.misfit > 0.0:
+            u = elastic_displacement(robot, along)
+            rows = misfit_rows(u, along.units, robot.uncertainty.misfit)
+            # of their own, so that the other errors are those without a misfit
+            drawn = np.random.default_rng([seed_of(seed), rows.shape[1]])
+            lacking = drawn.standard_normal((DRAWN, rows.shape[1]))
+            found = add_misfit(found, rows, lacking)
+            first = append_misfit(first, rows)
+            sources = with_misfit(sources, rows.shape[1])
+            errors = np.hstack([errors, lacking])
         return replace(
             _prediction(solution, sources, along, first, found, errors, seed), ended=ended
         )
@@ -210,11 +230,16 @@ def _prediction(
     main = next(iter(sizes))
     shares = variance_shares(sources, sizes[main])
     bands = _bands(along, first, effective[:IN_BANDS], at)
+    names = merge_names(sources.names)
+    sd = sources.sd[: len(names)].copy()
+    if MISFIT in names:
+        assert solution.model.uncertainty is not None
+        sd[-1] = solution.model.uncertainty.misfit
     return Prediction(
         solution,
         along.feedback,
-        sources.names,
-        sources.sd,
+        names,
+        sd,
         robots,
         seed,
         stated["m"],
@@ -223,8 +248,8 @@ def _prediction(
         simulated["rad"],
         along.t[at],
         *bands,
-        shares,
-        find_sources_to_halve(sources, shares, sizes[main], effective[:1000]),
+        merge_shares(shares),
+        merge_names(find_sources_to_halve(sources, shares, sizes[main], effective[:1000])),
     )
 
 

@@ -9,9 +9,11 @@ model itself), the deviation d of the coordinates follows from its own linearize
 
 It starts at rest with the motors at the reference: the integral part of the feedback holds what
 the feedforward lacks. R, M, D and K are linear in stiffness, damping, friction and masses, so that
-the only error is of second order in d. z: torques of gears with hysteresis and of frictions with a
-state in addition to those of the plan, see `flexgen.studies.tolerances.memory_states`. Torques
-that are late by the time s add B (tau(t) - tau(t - s)) to R.
+the only error is of second order in d. In a center of mass the matrices are quadratic, with both
+terms: without the second one, M of a robot far from the model would not be positive definite.
+z: torques of gears with hysteresis and of frictions with a state in addition to those of the plan,
+see `flexgen.studies.tolerances.memory_states`. Torques that are late by the time s add
+B (tau(t) - tau(t - s)) to R.
 The equations are integrated by Newmark's method of constant mean acceleration (order 2, no damping
 of its own).
 
@@ -82,6 +84,8 @@ class Along:
         The planned motion and its ``deflection``.
     states : tuple of PlannedStates
         Of gears with hysteresis, and of frictions with a state.
+    squares : dict of int to arrays (k, n, n)
+        Changes of M, D and K over the squares of the errors of centers of mass.
     linear : array (sources,)
         Which sources the forces are linear in: all but the delay.
     late : callable
@@ -96,6 +100,7 @@ class Along:
     force: np.ndarray
     constant: tuple[np.ndarray, ...]
     varying: dict[int, Matrices]
+    squares: dict[int, Matrices]
     feedback: MotorFeedback
     W: np.ndarray
     units: tuple[str, ...]
@@ -147,6 +152,7 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     points = tuple(motion[name][knots] for name in MOTION)
     M, D, K, B = local.matrices(points, sources.nominal)
     constant, varying = _changes(local, points, (M, D, K), sources)
+    quadratic = _quadratic_changes(local, points, (M, D, K), sources)
 
     def between(x: np.ndarray) -> np.ndarray:
         return np.asarray(make_interp_spline(t[knots], x, k=1)(t))
@@ -171,10 +177,31 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
         )
         force[delay] += (late(short) - late(-short))[:, 0] / (2 * short[0, delay])
     all_of = {k: (between(x), between(y), between(z)) for k, (x, y, z) in varying.items()}
+    squares: dict[int, Matrices] = {}
+    for k, (slopes, second) in quadratic.items():
+        all_of[k] = (between(slopes[0]), between(slopes[1]), between(slopes[2]))
+        squares[k] = (between(second[0]), between(second[1]), between(second[2]))
+        for change in constant:
+            change[k] = 0.0
     motors = tuple(motor.name for motor in model.motors)
     rest = motion, states, np.arange(len(sources.names)) != delay, late
     return Along(
-        t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, *rest
+        t,
+        M,
+        D,
+        K,
+        B,
+        force,
+        constant,
+        all_of,
+        squares,
+        feedback,
+        W,
+        units,
+        twist,
+        springs,
+        motors,
+        *rest,
     )
 
 
@@ -253,6 +280,28 @@ def _changes(
             M, D, K = found * places[k][:, None] / sd[k]
             varying[k] = M, D, K
     return tuple(constant), varying
+
+
+def _quadratic_changes(
+    local: LocalDynamics, points: tuple[np.ndarray, ...], own: Matrices, sources: Sources
+) -> dict[int, tuple[Matrices, Matrices]]:
+    """Changes of M, D and K over the errors of centers of mass, and over their squares: from a
+    standard deviation to both sides.
+    """
+    out = {}
+    for k in np.flatnonzero(sources.signed).tolist():
+        if ".com_" not in sources.names[k]:
+            continue
+        sd = float(sources.sd[k])
+        step = sd * np.eye(len(sources.sd))[k]
+        above = local.matrices(points, sources.values(step))[:3]
+        below = local.matrices(points, sources.values(-step))[:3]
+        first = [(x - y) / (2.0 * sd) for x, y in zip(above, below, strict=True)]
+        second = [
+            (x + y - 2.0 * z) / (2.0 * sd**2) for x, y, z in zip(above, below, own, strict=True)
+        ]
+        out[k] = ((first[0], first[1], first[2]), (second[0], second[1], second[2]))
+    return out
 
 
 def _output_rows(equations: Equations, q_a: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -348,11 +397,13 @@ def response(along: Along, errors: np.ndarray) -> Response:
     some = list(along.varying)
     n = along.M.shape[1]
     changes = [
-        np.array([along.varying[j][i] for j in some]).reshape(len(some), len(along.t), n * n)
+        np.array(
+            [*(along.varying[j][i] for j in some), *(x[i] for x in along.squares.values())]
+        ).reshape(len(some) + len(along.squares), len(along.t), n * n)
         for i in range(3)
     ]
     by_time = [np.ascontiguousarray(x.transpose(1, 0, 2)) if x.any() else None for x in changes]
-    given = errors[:, some]
+    given = np.hstack([errors[:, some], errors[:, list(along.squares)] ** 2])
 
     def matrices(k: int) -> Matrices:
         M, D, K = (

@@ -15,6 +15,7 @@ from flexgen.simulation.motor_feedback import MotorFeedback
 
 UNITS = ("m", "rad")
 SHOWN = 8  # shares in the text
+LACKING = "what the model lacks (misfit)"
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ class Prediction(Result):
             for share in self.shares[:SHOWN]
             if share.share >= 0.005
         ]
-        few = self.to_halve[:SHOWN]
+        few = [LACKING if name == "misfit" else name for name in self.to_halve[:SHOWN]]
         more = f" and {len(self.to_halve) - SHOWN} more" if len(self.to_halve) > SHOWN else ""
         count = f"{len(self.sources)} uncertain numbers, {self.robots} robots simulated"
         count += f", then {self.ended}" if self.ended else ""

@@ -7,7 +7,8 @@ and inertia of a body. Source i of value p_i has the relative error
     s_i: its standard deviation
 
 A number whose standard deviation is above `WEAK` is drawn log-normally, with the median of the
-file and the same ratio of standard deviation to mean: it stays positive. A mass that is added to
+file and the same ratio of standard deviation to mean: it stays positive. Centers of mass and
+products of inertia have any sign and are drawn normally. A mass that is added to
 the payload may be negative, down to none. The delay of the drives is a time [s] by which the
 torques are later than the loop knows.
 """
@@ -31,6 +32,7 @@ WEAK = 0.2
 PAYLOAD = "payload.mass"
 LOST = "lost_motion"
 DELAY = "delay"
+SIGNED = ("com_x", "com_y", "com_z", "inertia_xy", "inertia_yz", "inertia_xz")
 NONE = -1
 ROUNDING = 1e-9  # relative to the largest eigenvalue of a correlation matrix
 
@@ -74,6 +76,19 @@ class Sources:
         return np.array([kind in ("payload", DELAY) for kind in self.kinds])
 
     @property
+    def signed(self) -> np.ndarray:
+        """Which sources are single numbers of any sign, (n,): centers of mass, products of
+        inertia.
+        """
+        owned = {
+            int(k)
+            for k, p in zip(self.owner, self.parameters, strict=True)
+            if p.name.rpartition(".")[2] in SIGNED
+        }
+        single = np.array([kind == "parameters" for kind in self.kinds])
+        return single & np.array([k in owned for k in range(len(self.names))])
+
+    @property
     def springs(self) -> np.ndarray:
         """Which sources are stiffnesses, (n,)."""
         stiff = {
@@ -89,8 +104,9 @@ class Sources:
         """
         x: np.ndarray = z @ self.root.T
         log_sd = np.sqrt(np.log1p(self.sd**2))
-        x = np.where((self.sd > WEAK) & ~self.added, np.expm1(x * log_sd), x * self.sd)
-        lowest = np.where(self.added, -np.inf, -1.0)
+        linear = self.added | self.signed
+        x = np.where((self.sd > WEAK) & ~linear, np.expm1(x * log_sd), x * self.sd)
+        lowest = np.where(linear, -np.inf, -1.0)
         for k, parameter in zip(self.owner, self.parameters, strict=True):
             if k != NONE and self.kinds[k] == "payload":
                 lowest[k] = -parameter.value
