@@ -136,6 +136,11 @@ class InverseKinematics:
                 q[i_g] += ahead * (out[last] - out[before])
             for _ in range(NEWTON_STEPS):
                 error, jacobian = position(q, target)
+                if self.model.loops and not np.isfinite(jacobian).all():
+                    raise SolverError(
+                        f"inverse kinematics: loops cannot be closed {_instant(parts[k])}; the "
+                        "path goes beyond a dead center of the linkage"
+                    )
                 sizes = np.linalg.svd(jacobian, compute_uv=False)
                 if not sizes[-1] > SINGULAR * sizes[0]:
                     raise SolverError(f"inverse kinematics: a singular pose {_instant(parts[k])}")
