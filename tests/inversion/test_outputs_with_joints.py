@@ -10,10 +10,10 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
-from emitted import ROOT
+from emitted import ROOT, made, run, sources
 from pinocchio_referee import Tree
 from stream_machine import Machine, error
-from toolchain import needs_compiler
+from toolchain import CC, STRICT, needs_compiler
 
 import flexgen
 from flexgen.base.errors import ArgumentError, ModelError
@@ -100,6 +100,32 @@ def test_the_emitted_c_inverts_and_streams(name, move):
     if name == "track_arm":  # the other one falls over without feedback
         assert error(machine.simulation(t, streamed)) < STREAMED
     assert np.array_equal(streamed["tau_m"], machine.followed()[1]["tau_m"])
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_the_example_in_c_holds_the_pose(tmp_path):
+    """Its output at home, of constraint and kinematics, is one that inversion and stream take."""
+    folder = made("track_arm").directory
+    files = [folder / "example.c", *sources(folder)]
+    run(
+        CC,
+        *STRICT,
+        "-O0",
+        f"-I{folder}",
+        *files,
+        "-lm",
+        "-o",
+        tmp_path / "example",
+        folder=tmp_path,
+    )
+    printed = run(tmp_path / "example", folder=tmp_path)
+    assert "invert: success" in printed and "stream: success" in printed
+
+
+def test_the_output_of_an_overlay_is_that_of_the_model(tmp_path):
+    flexgen.export_urdf("track_arm", tmp_path / "arm.urdf")
+    assert read(tmp_path / "arm.toml").output == read("track_arm").output
 
 
 def test_postures_that_do_not_fit_are_refused():

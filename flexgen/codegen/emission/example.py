@@ -106,9 +106,7 @@ def _inversion(spec: LibrarySpec) -> str:
     name = spec.name
     real = f"{spec.name}_real"
     ny, nt, nm = (size_macro(spec, size) for size in ("n_y", "n_t", "n_m"))
-    constants = spec.motor_constants
-    pose = constants is not None and constants.pose and not constants.further
-    home = _home_output(spec, pose)
+    home = _home_output(spec)
     declared = f"    {real} parameters[{size_macro(spec, 'n_p')}];\n" if spec.parameters else ""
     fill, given = (
         (f"    {name}_parameters(parameters);\n", "parameters, ") if spec.parameters else ("", "")
@@ -185,13 +183,33 @@ static int run_stream(void)
 """
 
 
-def _home_output(spec: LibrarySpec, pose: bool) -> str:
+def _home_output(spec: LibrarySpec) -> str:
     """A C function that gives the output at the home pose: of a pose from the kinematics, else
     from the constraint.
     """
     name = spec.name
     real = f"{spec.name}_real"
     na, ny, nt = (size_macro(spec, size) for size in ("n_a", "n_y", "n_t"))
+    constants = spec.motor_constants
+    pose = constants is not None and constants.pose
+    if pose and constants is not None and constants.further:
+        return f"""\
+/* Position of the tool and joints, and rotation matrix of the tool, at the home pose. */
+static {name}_status home_output({real} y[{nt}])
+{{
+    const {real} zero_velocity[{na}] = {{0}}, zero[{nt}] = {{0}};
+    {real} W[{ny} * {na}], Wdot_v[{ny}], error[{ny}], p[3];
+    {name}_status status = {name}_output_constraint({name}_home_q_a, zero_velocity, zero, error, \
+W, Wdot_v);
+    if (status == {macro(spec, "OK")}) {{
+        status = {name}_forward_kinematics({name}_home_q_a, p, y + {ny} - 3);
+    }}
+    for (int i = 0; i < {ny} - 3; ++i) {{
+        y[i] = error[i];
+    }}
+    return status;
+}}
+"""
     if pose:
         return f"""\
 /* Position and rotation matrix of the tool at the home pose. */

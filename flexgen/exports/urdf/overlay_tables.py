@@ -41,9 +41,10 @@ def beam_or_drag(model: RobotModel) -> None:
 def output_table(model: RobotModel) -> dict[str, Any]:
     """The output; weighted sums by name of the coordinate."""
     output = model.output
-    if output.type != "combination":
-        return write(OUTPUT, output)
     names = [coordinate.name for coordinate in model.coordinates]
+    if output.type != "combination":
+        joints = [names[row.index(1.0)] for row in output.weights]
+        return write(OUTPUT, output.of_tool) | ({"joints": joints} if joints else {})
     rows = [{name: x for name, x in zip(names, row, strict=True) if x} for row in output.weights]
     return {"type": "combination", "unit": output.unit, "rows": rows}
 
