@@ -14,6 +14,7 @@ from small_fits import small_fit
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.identification.commissioning import forms
 from flexgen.identification.commissioning.blocks import Block
 from flexgen.identification.commissioning.elastic_arm import ElasticArm
 from flexgen.identification.commissioning.motion_block import Motion, MotionBlock
@@ -102,6 +103,40 @@ def test_determined_numbers_of_drawn_robots_come_back(tmp_path: Path, seed: int)
     assert all(row.after < row.before for row in found.held_out)
 
 
+def hand(q: np.ndarray) -> np.ndarray:
+    """Place of the tracker of elbow (N, 3) [m] for joints (N, 2), in closed form."""
+    both = q[:, 0] + q[:, 1]
+    tool = 1.241  # m
+    x = 1.150 * np.sin(q[:, 0]) + tool * np.cos(both) + HAND["position"][2] * np.sin(both)
+    z = 1.150 * np.cos(q[:, 0]) - tool * np.sin(both) + HAND["position"][2] * np.cos(both)
+    return np.column_stack([x, np.zeros(len(q)), z])
+
+
+@pytest.mark.parametrize("where", ["joint", "motor"])
+def test_friction_is_found_on_its_side_of_the_gear(tmp_path: Path, where: str) -> None:
+    """The torque of a motor shows the same friction; that of a joint winds up the gear, which a
+    tracker sees. Positions of the records are those of the closed form.
+    """
+    level = 2000.0  # N m, arm side
+    key = "element.upper.dof.q1.friction" if where == "joint" else "motor.m1.friction"
+    ratio = 1.0 if where == "joint" else 1872 / 7
+    law = {"coulomb": level / ratio, "beta": 60.0 / ratio}
+    truth = flexgen.read("elbow", overrides={"sensor": [HAND], key: law})
+    random = np.random.default_rng(3)
+    run = flexgen.solve(truth, program(random.uniform(-1.0, 1.0, (8, 2))), verify=False).trajectory
+    seen = hand(run["q_a"]) + NOISE * random.normal(size=(len(run.time), 3))
+    header = (
+        "time s,q_m[m1] rad,q_m[m2] rad,tau_m[m1] N m,tau_m[m2] N m,hand_x m,hand_y m,hand_z m"
+    )
+    table = np.column_stack([run.time, run["q_m"], run["tau_m"], seen])
+    np.savetxt(tmp_path / "tracked.csv", table, header=header, **CSV)
+    found = flexgen.commission(datasheet(), tmp_path, curves=False, lengths=False)
+    joint = found.values["q1.coulomb"]
+    motor = found.values["m1.coulomb"] * 1872 / 7
+    expected = (level, 0.0) if where == "joint" else (0.0, level)
+    np.testing.assert_allclose((joint, motor), expected, atol=0.15 * level)
+
+
 def test_written_model_has_the_numbers_and_their_deviations(tmp_path: Path) -> None:
     """The variant is read again, has the fitted numbers, and `predict` takes its tolerances."""
     record(tmp_path, flexgen.read("elbow", overrides=draw(4)), 4)
@@ -159,13 +194,15 @@ def make_blocks() -> tuple[np.ndarray, list[Block]]:
     """
     robot = datasheet()
     random = np.random.default_rng(0)
-    unknowns = make_unknowns(
-        robot, DatasheetTolerances(), bodies=True, positions=True, lengths=True, motions=1,
-        levels=1,
-    )  # fmt: skip
-    arm = ElasticArm(unknowns, unknowns.sensors)
     stops = np.array([[0.2, -0.4], [0.9, 0.5], [-0.3, -1.0]])
     run = flexgen.solve(robot, program(stops), verify=False).trajectory
+    extent = forms.measure_extent(robot, [Motion("run", run)])
+    robot = forms.with_joint_friction(robot, extent)
+    unknowns = make_unknowns(
+        robot, DatasheetTolerances(), bodies=True, positions=True, lengths=True, motions=1,
+        levels=1, rubbing=forms.friction_tolerances(robot, extent),
+    )  # fmt: skip
+    arm = ElasticArm(unknowns, unknowns.sensors)
     path = np.column_stack([np.sin(3 * run.time), np.cos(4 * run.time), np.sin(5 * run.time)])
     count = unknowns.parts.lengths.stop - unknowns.parts.lengths.start
     motion = MotionBlock(arm, Motion("run", run, path), 0)
@@ -178,6 +215,8 @@ def make_blocks() -> tuple[np.ndarray, list[Block]]:
     plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=8)
     responses = ResponsesBlock(unknowns, "frf", flexgen.frf(flexgen.measure(plan)), 0)
     x = unknowns.start + 0.02 * np.minimum(unknowns.sd, 0.3) * random.normal(size=len(unknowns.sd))
+    for name, sd in forms.friction_tolerances(robot, extent).items():
+        x[unknowns.names.index(name)] = 0.3 * sd
     return x, [motion, poses, responses]
 
 

@@ -75,10 +75,25 @@ def _in_lines(value: Any) -> str:
         return "{ " + ", ".join(entries) + " }"
     if not isinstance(value, list):
         return text
-    lines = (
-        ", ".join(toml(x) for x in value[k : k + IN_LINE]) for k in range(0, len(value), IN_LINE)
-    )
+    if any(isinstance(entry, Mapping) for entry in value):
+        lines = [_table_in_lines(entry) for entry in value]
+    else:
+        starts = range(0, len(value), IN_LINE)
+        lines = [", ".join(toml(x) for x in value[k : k + IN_LINE]) for k in starts]
     return "[\n" + "".join(f"  {line},\n" for line in lines) + "]"
+
+
+def _table_in_lines(table: Any) -> str:
+    """TOML of a table in a list, such as an element; its lists of tables have a line for each."""
+    if not isinstance(table, Mapping):
+        return toml(table)
+    entries = []
+    for key, entry in table.items():
+        text = toml(entry)
+        if isinstance(entry, list) and any(isinstance(x, Mapping) for x in entry):
+            text = "[\n" + "".join(f"    {_table_in_lines(x)},\n" for x in entry) + "  ]"
+        entries.append(f"{toml_key(key)} = {text}")
+    return "{ " + ", ".join(entries) + " }"
 
 
 def _refusal(given: str) -> ArgumentError:

@@ -7,8 +7,11 @@ feedforward.
 3. The rest of each record is the verdict: the model has to predict it better than the file, and
    where a tracker saw the robot, better than a rigid robot. Else the model is refused.
 4. The same fit to all of the records.
-5. Gears whose stiffness rises with their load: the fit again with a curve for each gear, which is
-   taken where it predicts the rest of the records better.
+
+The robot that is fitted has more than that of the file: a curve for each gear whose spring is
+linear and, where a tracker followed a motion, friction of the joints behind their gears, and a
+link that bends in its middle. Curves and bending that the records do not determine are left out,
+and the fit is repeated.
 
 There is no order of steps in which an error of the first is a trap for the next: bodies that are
 fitted before the springs take the springs' errors, and the reverse. In one fit the bodies stay
@@ -33,10 +36,17 @@ from flexgen.base.checks.bounds import TimeLimit
 from flexgen.base.checks.type_checks import checked_types
 from flexgen.base.errors import ArgumentError
 from flexgen.dynamics.hysteresis.hysteresis import without_hysteresis
-from flexgen.dynamics.mechanics.lagrangian import gears as gears_of
 from flexgen.identification.commissioning.blocks import Block, Channel
 from flexgen.identification.commissioning.elastic_arm import ElasticArm
 from flexgen.identification.commissioning.folder import Records, list_records, read_records
+from flexgen.identification.commissioning.forms import (
+    BendingLink,
+    friction_tolerances,
+    measure_extent,
+    with_bending_link,
+    with_curves,
+    with_joint_friction,
+)
 from flexgen.identification.commissioning.joint_fit import JointFit, fit_jointly
 from flexgen.identification.commissioning.misfit import measure_misfit
 from flexgen.identification.commissioning.motion_block import MotionBlock
@@ -46,6 +56,7 @@ from flexgen.identification.commissioning.responses_block import ResponsesBlock
 from flexgen.identification.commissioning.result import Commissioning, HeldOut
 from flexgen.identification.commissioning.unknowns import (
     DatasheetTolerances,
+    Unknowns,
     linear_geometry,
     make_unknowns,
 )
@@ -56,21 +67,17 @@ from flexgen.identification.poses.poses import StaticPoses
 from flexgen.identification.poses.statics import Numbers, Statics
 from flexgen.identification.poses.tree import Tree
 from flexgen.model.abilities import check_ability
-from flexgen.model.elements import Dof, LinearSpring, RobotModel, SmoothSpring
+from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 
 Tell = Callable[[str], None]
 HELD_OUT = 5  # one part of so many of each record is held out
 POSES_OF_MOTION = 60  # samples of a tracked motion that find the frame of its tracker
-# Of the errors on held-out parts: a curve of the gears is taken up to this factor, and a model is
-# refused above the other.
-WORTH_IT = 0.97
+# Factor of the errors on held-out parts above which a model is refused.
 WORSE = 1.02
 # Rise of the logarithm of a stiffness that is one: standard deviations, and at least.
 SURE = 2.5
 LEAST_RISE = 0.05
-# Torque of a gear over its largest one, or over that of the records, at which its curve bends.
-BEND = 0.1
 
 
 @checked_types(own=("time_limit",))
@@ -100,8 +107,8 @@ def commission(
     lengths : bool
         Fit the places of the elements, where positions were measured.
     curves : bool, optional
-        Give all gears a stiffness that rises with the load; default: where it predicts held-out
-        parts better.
+        Give all gears a stiffness that rises with the load; default: where the records determine
+        it.
     time_limit : float, optional [s]
         Time limit: then, or after Ctrl-C, the result is the best step so far; 0: no limit.
     progress : callable or bool, optional
@@ -142,18 +149,33 @@ def commission(
     with limit_fit("commission", time_limit, tell):
         first = _Study(robot, data, known, lengths, tell)
         first.check_records()
-        other = None if curves is False else _with_curves(first)
-        chosen = other if curves and other is not None else first
-        verdict = chosen.judge()
-        if curves is None and other is not None and not is_over():
-            judged = other.judge()
-            better = _factor(judged.held_out, verdict.held_out)
-            tell(f"gears with a curve: errors on held-out parts are {better:.3g} times")
-            if better < WORTH_IT and _has_curves(judged.fit):
-                chosen = other
-                verdict = judged
+        file = first.fit_own()
+        chosen = _richest(first, curves)
+        verdict = chosen.judge(file, chosen.start_near(first.unknowns, file.x))
+        simpler = None if is_over() else _without_undetermined(chosen, verdict.fit, curves)
+        if simpler is not None:
+            tell("the records do not ask for all of these numbers: a simpler form of the robot")
+            near = simpler.start_near(chosen.unknowns, verdict.fit.x)
+            chosen = simpler
+            verdict = chosen.judge(file, near)
         fit = verdict.fit if is_over() else chosen.fit_all(verdict.fit)
+    if chosen.bending is not None:
+        robot = chosen.bending.robot
     return _result(robot, chosen, data, verdict, fit, time.perf_counter() - began)
+
+
+_Errors = dict[tuple[str, str, str], float]
+
+
+@dataclass(frozen=True, eq=False)
+class _File:
+    """The model of the file: numbers x with those that records have of their own, and ``errors``
+    on held-out parts, those of a rigid robot too, by record, channel and unit.
+    """
+
+    x: np.ndarray
+    errors: _Errors
+    rigid: _Errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +197,20 @@ class _Study:
         tolerances: DatasheetTolerances,
         lengths: bool,
         tell: Tell,
+        first: _Study | None = None,
+        bending: BendingLink | None = None,
+        curved: bool = False,
     ) -> None:
+        self.file = robot
+        self.first = self if first is None else first
+        self.bending = bending
+        self.curved = curved
+        self.extent = measure_extent(robot, data.motions)
+        if any(motion.positions is not None for motion in data.motions):
+            robot = with_joint_friction(robot, self.extent)
+            rubbing = friction_tolerances(robot, self.extent)
+        else:
+            rubbing = {}
         self.robot = robot
         self.plain = plain = without_hysteresis(robot)
         self.data = data
@@ -191,23 +226,25 @@ class _Study:
             lengths=lengths and data.has_positions,
             motions=len(data.motions),
             levels=len(data.responses),
+            rubbing=rubbing,
+            halves=() if bending is None else (bending.tip,),
         )
-        self.torques = ElasticArm(unknowns, ()) if data.motions else None
-        self.arm = ElasticArm(unknowns, unknowns.sensors) if data.has_positions else None
+        needs = bool(data.motions) or data.has_positions
+        self.arm = ElasticArm(unknowns, unknowns.sensors) if needs else None
         self._blocks: list[Block] | None = None
         self.start = unknowns.start.copy()
 
     def check_records(self) -> None:
         """ArgumentError where a record does not belong to the robot."""
         for index, motion in enumerate(self.data.motions):
-            assert self.torques is not None
-            check_motion(self.torques, motion, index, self.tell)
+            assert self.arm is not None
+            check_motion(self.arm, motion, index, self.tell)
         for name, responses in self.data.responses:
             self.tell(f"comparing {name} with the model of the file")
             check_responses(self.plain, name, responses)
-        self._find_frame(check=True)
+        self._find_frame()
 
-    def _find_frame(self, check: bool) -> None:
+    def _find_frame(self) -> None:
         """Frame and trackers at the start, from the robot without deflections; poses with a
         mistake are refused.
         """
@@ -223,9 +260,8 @@ class _Study:
             q = motion.trajectory["q_m"][rows] @ inverse.T
             p = motion.positions[rows].reshape(len(rows), -1, 3)
             sets.append((motion.name, StaticPoses(q, p, motion.name)))
-        if check:
-            for _, poses in sets:
-                find_start(Statics(tree, poses.commands), poses, (), self.tell)
+        for _, poses in sets:
+            find_start(Statics(tree, poses.commands), poses, (), self.tell)
         statics = Statics(tree, np.vstack([poses.commands for _, poses in sets]))
         measured = np.concatenate([poses.positions for _, poses in sets])
         rigid = replace(Numbers.of(tree), compliances=np.zeros(len(tree.elastic)))
@@ -248,10 +284,9 @@ class _Study:
     def _make_blocks(self) -> list[Block]:
         out: list[Block] = []
         for index, motion in enumerate(self.data.motions):
-            arm = self.torques if motion.positions is None else self.arm
-            assert arm is not None
+            assert self.arm is not None
             self.tell(f"preparing {motion.name}")
-            block = MotionBlock(arm, motion, index)
+            block = MotionBlock(self.arm, motion, index)
             if motion.positions is not None:
                 commands = block.q_m @ np.linalg.inv(self.plain.eta).T
                 block.of_lengths = self._slopes_of_lengths(commands)
@@ -268,6 +303,8 @@ class _Study:
         """Derivatives (N, 3 k, lengths) of the trackers in the world in the lengths."""
         tree = Tree(linear_geometry(self.plain))
         of_lengths = [u for u in self.unknowns.places if not u.name.endswith(".zero")]
+        if not of_lengths:
+            return np.zeros((len(commands), 3 * len(self.unknowns.sensors), 0))
         numbers = Numbers.of(tree)
         statics = Statics(tree, commands)
         rest = statics.rest(numbers)
@@ -290,24 +327,45 @@ class _Study:
         each = min(HELD_OUT, count)
         return channel.piece % each == each - 1
 
-    def judge(self) -> _Verdict:
-        """Fit four fifths of each record, and compare the errors on the others."""
+    def fit_own(self) -> _File:
+        """The model of the file with what a record has of its own, such as the frame of a tracker
+        and friction, fitted to four fifths of each record; and its errors on the others.
+        """
         parts = self.unknowns.parts
-        # what a record has of its own is fitted for the model of the file, too
         own = np.ones(parts.size, bool)
         own[parts.model] = own[parts.zeros] = own[parts.lengths] = False
-        file = fit_jointly(
+        fit = fit_jointly(
             self.unknowns, self.blocks, self.start, self.tell, keep=self.keep_fitted,
             free=own, rounds=2, what="model of the file",
         )  # fmt: skip
-        before = self._errors(file.x)
+        return _File(fit.x, self._errors(fit.x), self._rigid_errors(fit.x))
+
+    def start_near(self, others: Unknowns, x: np.ndarray) -> np.ndarray:
+        """Start of a search at the numbers x of another form of the robot: a gear with a curve has
+        the stiffness of one without at large torques, and the ratio of both as at first; both
+        halves of a link change as the link.
+        """
+        values = dict(zip(others.names, x - others.start, strict=True))
+        out = self.unknowns.start.copy()
+        for k, name in enumerate(self.unknowns.names):
+            part, _, kind = name.rpartition(".")
+            if self.bending is not None and part == self.bending.tip:
+                part = self.bending.link
+            kinds = {"low": "stiffness", "high": "stiffness", "stiffness": "high"}
+            same = f"{part}.{kind}"
+            if same not in values:
+                same = f"{part}.{kinds.get(kind, kind)}"
+            out[k] = self.unknowns.start[k] + values.get(name, values.get(same, 0.0))
+        return np.clip(out, *self.unknowns.bounds)
+
+    def judge(self, file: _File, start: np.ndarray) -> _Verdict:
+        """Fit four fifths of each record, and compare the errors on the others."""
         fit = fit_jointly(
-            self.unknowns, self.blocks, file.x, self.tell, keep=self.keep_fitted,
+            self.unknowns, self.blocks, start, self.tell, keep=self.keep_fitted,
             what="fit without a fifth",
         )  # fmt: skip
         after = self._errors(fit.written)
-        rigid = self._rigid_errors(file.x)
-        rows = [HeldOut(*key, before[key], after[key], rigid.get(key)) for key in after]
+        rows = [HeldOut(*key, file.errors[key], after[key], file.rigid.get(key)) for key in after]
         misfit = measure_misfit(self.blocks, fit.written, self.held_out_rows)
         return _Verdict(fit, tuple(rows), misfit)
 
@@ -317,7 +375,7 @@ class _Study:
             self.unknowns, self.blocks, near.x, self.tell, rounds=3, what="fit to all"
         )
 
-    def _errors(self, x: np.ndarray) -> dict[tuple[str, str, str], float]:
+    def _errors(self, x: np.ndarray) -> _Errors:
         """Record, channel and unit -> root mean square of the errors on held-out parts."""
         out = {}
         for block in self.blocks:
@@ -329,11 +387,11 @@ class _Study:
                     out[block.name, channel.title, channel.unit] = rms
         return out
 
-    def _rigid_errors(self, x: np.ndarray) -> dict[tuple[str, str, str], float]:
+    def _rigid_errors(self, x: np.ndarray) -> _Errors:
         """Record, channel and unit -> error of the positions of a rigid robot on held-out parts
         [m], with the frame and the trackers that are best for it.
         """
-        out: dict[tuple[str, str, str], float] = {}
+        out: _Errors = {}
         for block in self.blocks:
             if isinstance(block, PosesBlock):
                 q = block.commands
@@ -386,46 +444,44 @@ def _has_curves(fit: JointFit) -> bool:
     return False
 
 
-def _with_curves(study: _Study) -> _Study | None:
-    """The study with springs of gears that stiffen; None: no gear has a linear spring."""
-    robot = study.robot
-    largest = {}
-    for motor in robot.motors:
-        for joint, ratio in zip(motor.drives, motor.ratio, strict=True):
-            largest[joint] = abs(ratio) * (motor.torque_max or 0.0)
-    for motion in study.data.motions:
-        arm = np.abs(motion.trajectory["tau_m"] @ robot.eta).max(axis=0)
-        for i, torque in zip(robot.i_g, arm.tolist(), strict=True):
-            name = robot.coordinates[i].name
-            largest[name] = largest.get(name) or torque
-    ratios = {
-        robot.coordinates[i].name: ratio
-        for i, (_, ratio) in zip(robot.i_g, gears_of(robot), strict=True)
-    }
-    changed = []
-
-    def change(dof: Dof) -> Dof:
-        gear = dof.gear
-        if gear is None or not isinstance(gear.spring, LinearSpring):
-            return dof
-        stiffness = gear.spring.stiffness
-        side = ratios[dof.name] if gear.side == "motor" else 1.0
-        torque = BEND * (largest.get(dof.name) or 0.0) / side
-        at = torque / stiffness if torque > 0.0 else 1e-4
-        changed.append(dof.name)
-        spring = SmoothSpring(low=0.8 * stiffness, high=stiffness, break_at=at)
-        return replace(dof, gear=replace(gear, spring=spring))
-
-    elements = tuple(
-        replace(element, dofs=tuple(change(dof) for dof in element.dofs))
-        for element in robot.elements
+def _study_of(first: _Study, has_curves: bool, bends: bool) -> _Study:
+    """The study of a form of the robot, as far as the robot has it: gears with curves, and a link
+    that bends where a tracker followed a motion.
+    """
+    tracked = any(motion.positions is not None for motion in first.data.motions)
+    bending = with_bending_link(first.file) if bends and tracked else None
+    robot = first.file if bending is None else bending.robot
+    curved = with_curves(robot, first.extent) if has_curves else None
+    if bending is None and curved is None:
+        return first
+    new = robot if curved is None else curved
+    return _Study(
+        new, first.data, first.tolerances, first.lengths, first.tell, first, bending, bool(curved)
     )
-    if not changed:
+
+
+def _richest(first: _Study, curves: bool | None) -> _Study:
+    """The form with all numbers that records may ask for."""
+    return _study_of(first, curves is not False, True)
+
+
+def _without_undetermined(study: _Study, fit: JointFit, curves: bool | None) -> _Study | None:
+    """The form without the curves, or the link that bends, that a fit does not determine; None:
+    it determines them.
+    """
+    has_curves = study.curved and (bool(curves) or _has_curves(fit))
+    bends = study.bending is not None and _bends(fit, study.bending)
+    if has_curves == study.curved and bends == (study.bending is not None):
         return None
-    new = replace(robot, elements=elements)
-    other = _Study(new, study.data, study.tolerances, study.lengths, study.tell)
-    other._find_frame(check=False)
-    return other
+    return _study_of(study.first, has_curves, bends)
+
+
+def _bends(fit: JointFit, bending: BendingLink) -> bool:
+    """Whether the stiffness of a link is determined."""
+    names = fit.unknowns.names
+    own = tuple(f"{dof.name}.stiffness" for e in bending.robot.elements if e.name == bending.tip
+                for dof in e.dofs)  # fmt: skip
+    return any(bool(fit.determined[names.index(name)]) for name in own)
 
 
 # The verdict on a fit is what it predicts: a search that ends where no step is better, as on

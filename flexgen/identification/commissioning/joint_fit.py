@@ -5,8 +5,9 @@ its own misfit.
 
 s_c: root mean square of the residuals of a channel, computed anew a few times; k_c: residuals for
 one that is independent, see `Channel.count_correlated`. A channel with an effect that the model
-lacks, such as hysteresis, has a large s_c and less weight. Steps to bodies that are not physically
-consistent are refused.
+lacks, such as hysteresis, has a large s_c and less weight. Steps to bodies whose inertia is not
+positive are refused; the bodies that are written are the nearest ones that are physically
+consistent. (Slender bodies are at the edge of these, where a search that stays within them ends.)
 
 Directions that the records do not determine keep the numbers of the file: eigenvectors of the
 covariance, in units of the deviations of the prior, whose deviation is more than a half,
@@ -33,18 +34,24 @@ from flexgen.base.errors import SolverError
 from flexgen.dynamics.mechanics.parameters import with_values
 from flexgen.identification.commissioning.blocks import Block, Channel
 from flexgen.identification.commissioning.motion_block import MotionBlock
-from flexgen.identification.commissioning.unknowns import Unknowns, is_physical
+from flexgen.identification.commissioning.unknowns import (
+    Unknowns,
+    is_positive,
+    make_physical,
+)
 from flexgen.identification.estimator.covariance import Blocks, covariance_of
 from flexgen.identification.estimator.minimize import Search, minimize
 from flexgen.identification.estimator.problem import Linearization, Prior, Problem
 
-ROUNDS = 5  # of fits with weights from the residuals of the last one
-STEPS = 2  # of the search in a round; the last one has more
-LAST_STEPS = 15
+ROUNDS = 4  # of fits with weights from the residuals of the last one
+STEPS = 6  # of the search in a round, with those that are refused; the last one has more
+LAST_STEPS = 10
+REFUSALS = 3  # steps in a row that are refused before a round ends
+FACTOR = 2.0  # largest one of a change of a stiffness or a damping in a round
 SETTLED = 0.05  # largest relative change of a weight from which on there are no more rounds
 DISTANCE = 0.05  # standard deviations from the minimum where a search ends
 # Part of the objective that a step promises below which a search ends.
-GAIN = 2e-4
+GAIN = 1e-3
 # Least size of residuals, as a part of the recorded signal: no model of a robot is more exact, and
 # records without noise then do not decide everything.
 EXACT = 1e-4
@@ -130,9 +137,9 @@ class _Stack:
         named = self.unknowns.vector.named(x[self.unknowns.parts.model])
         robot = with_values(self.unknowns.robot, named)
         for element in robot.elements:
-            if not is_physical(element.body):
+            if not is_positive(element.body):
                 raise SolverError(
-                    f"commission: the body of {element.name} is not physical at this step"
+                    f"commission: the body of {element.name} has a negative inertia at this step"
                 )
         out = []
         for block in self.blocks:
@@ -218,15 +225,16 @@ def fit_jointly(
             block.relinearize(x)
         change = stack.reweigh(x)
         is_last = k + 1 == rounds or (k > 1 and change < SETTLED)
-        problem = Problem(stack.residual, stack.jacobian, prior, unknowns.bounds)
+        bounds = _bounds_near(unknowns, x)
+        problem = Problem(stack.residual, stack.jacobian, prior, bounds)
 
         def show(step: int, here: Linearization, k: int = k) -> None:
             tell(f"{what}: round {k + 1}, step {step}, misfit {here.value:.4g}")
 
         steps = LAST_STEPS if is_last else STEPS
         search = Search(
-            distance=DISTANCE, gain=GAIN, steps=steps, curvature=True, stage="commission",
-            tell=show,
+            distance=DISTANCE, gain=GAIN, steps=steps, curvature=True, refusals=REFUSALS,
+            stage="commission", tell=show,
         )  # fmt: skip
         found = minimize(problem, x, search)
         x = found.x
@@ -238,6 +246,18 @@ def fit_jointly(
         block.relinearize(x)
     stack.reweigh(x)
     return _result(stack, x, prior, converged)
+
+
+def _bounds_near(unknowns: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of a round: stiffnesses and dampings stay within a factor, for which the steps of the
+    simulations are stable.
+    """
+    lower, upper = (bound.copy() for bound in unknowns.bounds)
+    scales = np.array([unknown.scale == "log" for unknown in unknowns.vector.unknowns])
+    rows = np.flatnonzero(scales) + unknowns.parts.model.start
+    lower[rows] = np.maximum(lower[rows], x[rows] - np.log(FACTOR))
+    upper[rows] = np.minimum(upper[rows], x[rows] + np.log(FACTOR))
+    return lower, upper
 
 
 def _result(stack: _Stack, x: np.ndarray, prior: Prior, converged: bool) -> JointFit:
@@ -273,7 +293,7 @@ def _result(stack: _Stack, x: np.ndarray, prior: Prior, converged: bool) -> Join
     determined = np.sqrt(np.diag(covariance)) < WEAK * sd
     shared = covariance / np.outer(sd, sd)
     written = prior.center + sd * _choose(A, shared, (x - prior.center) / sd, determined)
-    written = np.clip(written, *unknowns.bounds)
+    written = make_physical(unknowns, np.clip(written, *unknowns.bounds))
     tops = [block.top for block in stack.blocks if isinstance(block, MotionBlock)]
     top = np.max(tops, axis=0) if tops else np.zeros(0)
     return JointFit(

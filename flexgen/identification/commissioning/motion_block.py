@@ -24,9 +24,9 @@ from flexgen.identification.commissioning.unknowns import COULOMB_WIDTH
 from flexgen.identification.gears.driven_arm import MotorMotion
 from flexgen.identification.gears.signals import Signals, signals_of
 
-# Step of the simulation times its fastest eigenvalue, at most: a third of what is stable, for
-# numbers that change.
-STABLE = 0.9
+# Step of the simulation times its fastest eigenvalue, at most: half of what is stable, for numbers
+# that change.
+STABLE = 1.4
 MOST_HZ = 10.0  # of the band that is compared
 MOVING = 0.01  # of the largest speed of a motor: slower, its friction is any torque
 # Of differences: of logarithms, of a prior's deviation, of zeros [rad], of trackers [m].
@@ -39,7 +39,7 @@ LEAST_PIECE = 0.3  # s
 AT_REST = 0.02  # s at an end of a record, and the part of the largest speed below which it rests
 REST_SPEED = 0.01
 # Change of a number, in deviations of its prior, after which derivatives in bodies are taken anew.
-FRESH = 0.3
+FRESH = 1.0
 POSES = 5  # along the record, for the fastest eigenvalue
 
 
@@ -52,6 +52,18 @@ class Motion:
     name: str
     trajectory: Trajectory
     positions: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Simulated:
+    """A simulated motion: ``key``: its numbers of the model and zeros; ``places`` of the trackers;
+    ``outputs`` (n, n_m + 3 k); ``of_trackers`` (n, 3 k, 3 k): derivatives in the places.
+    """
+
+    key: np.ndarray
+    places: np.ndarray
+    outputs: np.ndarray
+    of_trackers: np.ndarray
 
 
 class MotionBlock:
@@ -76,6 +88,9 @@ class MotionBlock:
         self.of_lengths = np.zeros((len(self.time), 3 * len(arm.sensors), 0))
         self._slow: np.ndarray | None = None
         self._slow_at = np.zeros(0)
+        self._known: _Simulated | None = None
+        self._columns_at = np.zeros(0)
+        self._steps_of_sample = 0
         self.free = np.ones(parts.size, bool)
         self.relinearize(np.asarray(arm.unknowns.start))
         assert parts.size == len(arm.unknowns.start)
@@ -158,17 +173,20 @@ class MotionBlock:
         poses = self.q_m[:: max(1, len(self.q_m) // POSES)]
         rate = self.arm.fastest(poses, p)
         steps = max(1, int(np.ceil(self.signals.sample_s * rate / STABLE)))
-        self.motion = MotorMotion.through(self.time, self.q_m, steps)
-        self.segments = self.arm.segments(self.signals.sample_s, steps)
-        moved = len(self._slow_at) == 0 or self._change_since(x) > FRESH
-        if moved:
+        if steps != self._steps_of_sample:
+            self._steps_of_sample = steps
+            self.motion = MotorMotion.through(self.time, self.q_m, steps)
+            self.segments = self.arm.segments(self.signals.sample_s, steps)
+            self._known = None
+        if len(self._slow_at) == 0 or self._has_moved(x):
             self._slow = None
 
-    def _change_since(self, x: np.ndarray) -> float:
-        """Largest change since the columns of bodies were computed, in deviations of the prior."""
-        parts = self.arm.unknowns.parts
-        sd = self.arm.unknowns.sd
-        return float(np.abs((x - self._slow_at) / sd)[parts.model].max())
+    def _has_moved(self, x: np.ndarray) -> bool:
+        """Whether numbers changed much since the columns of bodies were computed."""
+        unknowns = self.arm.unknowns
+        model = unknowns.parts.model
+        change = np.abs((x - self._slow_at) / unknowns.sd)[model]
+        return bool((change > FRESH).any())
 
     def simulate(self, p: np.ndarray, offset: np.ndarray) -> np.ndarray:
         """Torques, then trackers in the world (R, n, n_m + 3 k), of R arms with numbers (R, n_p)
@@ -188,25 +206,60 @@ class MotionBlock:
         robot = self.arm.robot
         p = self.arm.numbers(x)
         shift = robot.eta @ unknowns.zeros(x)
+        here, of_trackers = self._outputs(x)
         steps: list[tuple[int, np.ndarray, np.ndarray, float]] = []
-        if derivatives:
+        changes = np.zeros((0, *here.shape))
+        key = np.append(x[unknowns.parts.model], x[unknowns.parts.zeros])
+        # the weights of the next round change nothing in the columns
+        if derivatives and (self._slow is None or not np.array_equal(key, self._columns_at)):
             steps = self._steps(x, p, shift, slow=self._slow is None)
-        found = self.simulate(
-            np.array([p, *(numbers for _, numbers, _, _ in steps)]),
-            np.array([shift, *(offset for *_, offset, _ in steps)]),
-        )
-        if not np.isfinite(found).all():
-            raise ArgumentError(f"{self.name}: the simulated motion is not finite")
-        changes = found[1:] - found[0]
+            self._columns_at = key
+        if steps:
+            found = self._simulate_all(
+                np.array([numbers for _, numbers, _, _ in steps]),
+                np.array([offset for *_, offset, _ in steps]),
+            )
+            changes = found - here
         J = np.zeros((0, 0, 0))
         if derivatives:
             if self._slow is None:
                 self._slow_at = x.copy()
-            J = self._jacobian(changes, steps)
-        out = self._torque_channels(x, found[0, :, : robot.n_m], J)
+            J = self._jacobian(here, changes, steps, of_trackers)
+        out = self._torque_channels(x, here[:, : robot.n_m], J)
         if self.positions is not None:
-            out.append(self._position_channel(x, found[0, :, robot.n_m :], J))
+            out.append(self._position_channel(x, here[:, robot.n_m :], J))
         return out
+
+    def _simulate_all(self, p: np.ndarray, offset: np.ndarray) -> np.ndarray:
+        """As `simulate`; ArgumentError where a motion is not finite."""
+        found = self.simulate(p, offset)
+        if not np.isfinite(found).all():
+            raise ArgumentError(f"{self.name}: the simulated motion is not finite")
+        return found
+
+    def _outputs(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Simulated outputs at x (n, n_m + 3 k), and the derivatives of the trackers in their
+        places (n, 3 k, 3 k); simulated where numbers of the model or zeros are new.
+
+        Trackers are linear in their places.
+        """
+        parts = self.arm.unknowns.parts
+        n_m = self.arm.robot.n_m
+        key = np.append(x[parts.model], x[parts.zeros])
+        places = x[parts.trackers] if self.positions is not None else np.zeros(0)
+        known = self._known
+        if known is None or not np.array_equal(known.key, key):
+            p = np.tile(self.arm.numbers(x), (1 + len(places), 1))
+            own = slice(p.shape[1] - len(places), p.shape[1])
+            p[1:, own] += TRACKER_STEP * np.eye(len(places))
+            shift = self.arm.robot.eta @ self.arm.unknowns.zeros(x)
+            found = self._simulate_all(p, np.tile(shift, (len(p), 1)))
+            rows = (found[1:, :, n_m:] - found[0, :, n_m:]) / TRACKER_STEP
+            known = _Simulated(key, places.copy(), found[0], np.moveaxis(rows, 0, 2))
+            self._known = known
+        outputs = known.outputs.copy()
+        outputs[:, n_m:] += known.of_trackers @ (places - known.places)
+        return outputs, known.of_trackers
 
     def _steps(
         self, x: np.ndarray, p: np.ndarray, shift: np.ndarray, slow: bool
@@ -230,23 +283,24 @@ class MotionBlock:
             if self.free[column] and unknowns.sd[column] > ZERO_STEP:
                 offset = shift + ZERO_STEP * self.arm.robot.eta[:, k]
                 out.append((column, p, offset, ZERO_STEP))
-        if slow and self.positions is not None:
-            for column in range(parts.trackers.start, parts.trackers.stop):
-                there = x.copy()
-                there[column] += TRACKER_STEP
-                out.append((column, self.arm.numbers(there), shift, TRACKER_STEP))
         return out
 
     def _jacobian(
-        self, changes: np.ndarray, steps: list[tuple[int, np.ndarray, np.ndarray, float]]
+        self,
+        here: np.ndarray,
+        changes: np.ndarray,
+        steps: list[tuple[int, np.ndarray, np.ndarray, float]],
+        of_trackers: np.ndarray,
     ) -> np.ndarray:
         """Derivatives (n, outputs, unknowns) of the simulated outputs."""
-        size = self.arm.unknowns.parts.size
+        parts = self.arm.unknowns.parts
         if self._slow is None:
-            self._slow = np.zeros((*changes.shape[1:], size))
+            self._slow = np.zeros((*here.shape, parts.size))
         J = self._slow
         for change, (column, _, _, step) in zip(changes, steps, strict=True):
             J[:, :, column] = change / step
+        if self.positions is not None:
+            J[:, self.arm.robot.n_m :, parts.trackers] = of_trackers
         return J
 
     def _torque_channels(self, x: np.ndarray, tau: np.ndarray, J: np.ndarray) -> list[Channel]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from flexgen.identification.commissioning.blocks import Channel
@@ -9,10 +12,13 @@ from flexgen.identification.commissioning.unknowns import Unknowns
 from flexgen.identification.responses.frequency_response import Frf
 from flexgen.identification.responses.parameters import DELAY, ParameterVector
 from flexgen.identification.responses.residuals import Residuals
+from flexgen.model.elements import RobotModel
+from flexgen.model.friction import NO_FRICTION
 
 # Model error of each element that is expected anyway, as a part of it: without it the lines with
 # least noise decide everything.
 FLOOR = 0.02
+FRICTION = ("viscous", "coulomb")
 
 
 class ResponsesBlock:
@@ -25,7 +31,8 @@ class ResponsesBlock:
     data : Frf
     index : int
         Number of the level: which viscous frictions and delay are its own. Friction of a small
-        motion about rest is another one than that of a long way.
+        motion about rest is another one than that of a long way: Coulomb friction of motors and
+        joints counts as viscous.
     """
 
     kind = "responses"
@@ -33,26 +40,29 @@ class ResponsesBlock:
     def __init__(self, unknowns: Unknowns, name: str, data: Frf, index: int) -> None:
         self.unknowns = unknowns
         self.name = name
-        robot = unknowns.robot
+        robot = _without_joint_friction(unknowns.robot, unknowns.rubbing)
         viscous = [
             f"{motor.name}.viscous"
             for motor, has in zip(robot.motors, unknowns.has_friction, strict=True)
             if has
         ]
+        viscous += [f"{joint}.viscous" for joint in unknowns.rubbing]
         parts = unknowns.parts
-        first = parts.responses.start + index * (robot.n_m + 1)
-        own = np.exp(unknowns.start[first : first + robot.n_m])
+        owners = [*(motor.name for motor in robot.motors), *unknowns.rubbing]
+        first = parts.responses.start + index * (len(owners) + 1)
+        own = np.exp(unknowns.start[first : first + len(owners)])
         start = {
-            f"{motor.name}.viscous": float(value)
-            for motor, value in zip(robot.motors, own, strict=True)
-            if f"{motor.name}.viscous" in viscous
+            f"{owner}.viscous": float(value)
+            for owner, value in zip(owners, own, strict=True)
+            if f"{owner}.viscous" in viscous
         }
-        names = [*unknowns.vector.names, *viscous, DELAY]
-        self.vector = ParameterVector(robot, names, start=start)
         places = {name: parts.model.start + k for k, name in enumerate(unknowns.vector.names)}
-        for j, motor in enumerate(robot.motors):
-            places[f"{motor.name}.viscous"] = first + j
-        places[DELAY] = first + robot.n_m
+        of_joints = {f"{joint}.{kind}" for joint in unknowns.rubbing for kind in FRICTION}
+        kept = [name for name in unknowns.vector.names if name not in of_joints]
+        self.vector = ParameterVector(robot, [*kept, *viscous, DELAY], start=start)
+        for j, owner in enumerate(owners):
+            places[f"{owner}.viscous"] = first + j
+        places[DELAY] = first + len(owners)
         self.columns = np.array([places[name] for name in self.vector.names])
         self.residuals = Residuals(self.vector, data, floor=FLOOR)
         self.residuals.average_springs(self._own(unknowns.start))
@@ -93,3 +103,18 @@ class ResponsesBlock:
     def relinearize(self, x: np.ndarray) -> None:
         """See `Block`: deflections over which springs that are not linear are averaged."""
         self.residuals.average_springs(self._own(x))
+
+
+def _without_joint_friction(robot: RobotModel, joints: Sequence[str]) -> RobotModel:
+    """The robot without the friction of some joints of the file."""
+    elements = tuple(
+        replace(
+            element,
+            dofs=tuple(
+                replace(dof, friction=NO_FRICTION) if dof.name in joints else dof
+                for dof in element.dofs
+            ),
+        )
+        for element in robot.elements
+    )
+    return replace(robot, elements=elements)

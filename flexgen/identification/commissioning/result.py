@@ -43,6 +43,8 @@ ADVICE = {
     "low": "frequency responses at two levels of excitation, or poses where this gear has no load",
     "high": "static poses with the largest load on this gear",
     "break_at": "frequency responses at three levels of excitation",
+    "viscous": "a tracked motion in which this joint moves fast",
+    "coulomb": "a tracked motion in which this joint turns back often",
     "mass": "a motion of the axes before this body, far and fast",
     "com": "a motion in which this body turns against gravity",
     "inertia": "a fast motion of the axes before this body",
@@ -249,10 +251,10 @@ class Commissioning(FitResult):
             if abs(named[p.name] - p.value) > SAME * max(abs(p.value), 1e-12)
         }
         curves = self._curves(named)
-        inside = tuple(f"{key}." for key in curves)
+        inside = tuple(f"{key}." for key in (*curves, *self._joint_frictions(named)))
         single = {key: x for key, x in numbers.items() if not key.startswith(inside or (" ",))}
         out = dict(whole_lists(with_values(self.form, named), single))
-        return out | curves | self._frictions | self._places
+        return out | curves | self._frictions | self._joint_frictions(named) | self._places
 
     @property
     def _places(self) -> dict[str, Any]:
@@ -296,6 +298,21 @@ class Commissioning(FitResult):
                 if isinstance(spring, SmoothSpring) and was.gear.spring != spring:
                     key = f"element.{old.name}.dof.{dof.name}.gear.spring"
                     out[key] = {"type": "smooth", **vars(spring)}
+        return out
+
+    def _joint_frictions(self, named: Mapping[str, float]) -> dict[str, Any]:
+        """Friction of joints behind their gears, as whole tables."""
+        rubbing = self.fit.unknowns.rubbing
+        out: dict[str, Any] = {}
+        fitted = with_values(self.form, dict(named))
+        for old, new in zip(self.before.elements, fitted.elements, strict=True):
+            for was, dof in zip(old.dofs, new.dofs, strict=True):
+                law = dof.friction
+                if dof.name not in rubbing or law.viscous == law.coulomb == 0.0:
+                    continue
+                if was.friction != law:
+                    key = f"element.{old.name}.dof.{dof.name}.friction"
+                    out[key] = {k: x for k, x in vars(law).items() if x}
         return out
 
     def write(self, path: str | Path) -> Path:

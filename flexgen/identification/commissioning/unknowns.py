@@ -5,6 +5,7 @@
 | model | springs and dampings | logarithm | a factor of 3 |
 | | masses, inertias, rotors | logarithm | tolerance of the CAD, 7 % |
 | | centers of mass, products of inertia | linear | the same part of the size of the body |
+| | viscous and Coulomb friction of the joints, >= 0 | linear | 1 % of the largest torque |
 | zeros | zero of each joint | rad or m | 0.01 |
 | lengths | places of the elements | m, rad | 2 mm, 3 mrad |
 | friction | viscous, Coulomb and constant torque, added to those of the file | linear | wide |
@@ -12,7 +13,7 @@
 | trackers | places of the trackers on their bodies | m | 5 mm |
 | delays | of the torques of each record | s | 3 ms |
 | clocks | of the tracker of each record: offset and drift | s, - | 50 ms, 1e-4 |
-| responses | viscous friction of each motor, and delay, at each level | logarithm, s | wide |
+| responses | viscous friction of motors and joints, delay, at each level | logarithm, s | wide |
 
 The tolerance of the bodies is small on purpose. Torques determine base parameters only: with free
 bodies the split of a base parameter is arbitrary, and springs then make up for it. An inertia that
@@ -21,6 +22,7 @@ is four times too large came with a gear that was a hundred times too soft.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +31,11 @@ from flexgen.base.checks.type_checks import checked_class
 from flexgen.base.errors import ArgumentError
 from flexgen.base.spec.sensors import Sensor
 from flexgen.dynamics.mechanics.lagrangian import gear_stiffness
-from flexgen.dynamics.mechanics.parameters import names_of_numbers, select
+from flexgen.dynamics.mechanics.parameters import (
+    names_of_numbers,
+    select,
+    with_values,
+)
 from flexgen.identification.estimator.layout import Layout
 from flexgen.identification.estimator.problem import Prior
 from flexgen.identification.poses.parameters import Priors, Unknown, unknowns_of
@@ -47,6 +53,8 @@ FRAME_SD = 10.0
 RESPONSE_SD = 3.0
 # Of the clock of a tracker: its offset [s] and its drift, relative.
 CLOCK_SD = (0.05, 1e-4)
+# Least second moment of mass of a body over the largest one, where records ask for a negative one.
+THIN = 1e-4
 # Numbers of each motor: viscous, Coulomb and constant friction.
 FRICTIONS = ("viscous", "coulomb", "offset")
 # Speed over the largest one at which Coulomb friction is fully there, where the file has none.
@@ -120,7 +128,7 @@ class Unknowns:
 
     ``vector``: of the numbers of the model; ``places``: zeros, then lengths, as those of a
     calibration; ``sensors``: trackers, at least one; ``sd`` (n,): of the prior; ``units`` (n,) and
-    ``names`` (n,) of all.
+    ``names`` (n,) of all; ``rubbing``: joints with friction behind their gears.
     """
 
     robot: RobotModel
@@ -131,6 +139,7 @@ class Unknowns:
     sd: np.ndarray
     start: np.ndarray
     names: tuple[str, ...]
+    rubbing: tuple[str, ...] = ()
 
     @property
     def prior(self) -> Prior:
@@ -195,6 +204,8 @@ def make_unknowns(
     lengths: bool,
     motions: int,
     levels: int,
+    rubbing: Mapping[str, float] | None = None,
+    halves: Collection[str] = (),
 ) -> Unknowns:
     """The unknowns of a robot for records of these kinds.
 
@@ -209,11 +220,24 @@ def make_unknowns(
         Positions were measured: frame and trackers are free; and zeros and lengths too.
     motions, levels : int
         Records of motions, and of responses.
+    rubbing : mapping, optional
+        Numbers of the friction of joints, ``<joint>.viscous`` and ``.coulomb``, and their standard
+        deviations; their friction at each level of responses is another one.
+    halves : collection of str
+        Elements whose places are not free: the outer half of a link of the file.
     """
     chosen = _numbers_of_model(robot, bodies)
     scale = np.log(tolerances.spring)
     priors = {name: _sd_of(robot, name, tolerances, scale) for name in chosen}
-    vector = ParameterVector(robot, list(chosen), priors=priors)
+    own_friction = dict(rubbing or {})
+    vector = ParameterVector(
+        robot,
+        [*chosen, *own_friction],
+        priors=priors | own_friction,
+        bounds=dict.fromkeys(own_friction, (0.0, np.inf)),
+        linear=own_friction,
+    )
+    joints_rubbing = tuple(dict.fromkeys(name.rpartition(".")[0] for name in own_friction))
     places: list[Unknown] = []
     sensors = tuple(s for s in robot.sensors if s.type == "tracker")
     if positions:
@@ -227,9 +251,10 @@ def make_unknowns(
     joints = [robot.coordinates[i] for i in robot.i_g]
     # the place of the base is the frame of the measurement, which is free
     bases = tuple(f"{name}." for name, parent in robot.parents.items() if parent == "base")
+    bases += tuple(f"{name}." for name in halves)
     places = [u for u in places if u.name.endswith(".zero") or not u.name.startswith(bases)]
     of_lengths = [u for u in places if not u.name.endswith(".zero")]
-    own = robot.n_m + 1
+    own = robot.n_m + len(joints_rubbing) + 1
     parts = Parts.of(
         model=len(vector),
         zeros=len(joints),
@@ -253,7 +278,7 @@ def make_unknowns(
     start = parts.join(
         model=vector.start,
         trackers=np.ravel([s.position for s in sensors]) if positions else 0.0,
-        responses=np.tile([*first, 0.0], levels),
+        responses=np.tile([*first, *_first_of_joints(robot, joints_rubbing, first), 0.0], levels),
     )
     sd = parts.join(
         model=vector.prior_sd,
@@ -264,7 +289,7 @@ def make_unknowns(
         trackers=tolerances.tracker,
         delays=tolerances.delay,
         clocks=np.tile(CLOCK_SD, motions),
-        responses=np.tile([RESPONSE_SD] * robot.n_m + [tolerances.delay], levels),
+        responses=np.tile([RESPONSE_SD] * (own - 1) + [tolerances.delay], levels),
     )
     names = (
         *vector.names,
@@ -277,10 +302,19 @@ def make_unknowns(
         *(f"record {k + 1}.delay" for k in range(motions)),
         *(f"record {k + 1}.{kind}" for k in range(motions) for kind in ("clock", "drift")),
         *(f"responses {k + 1}.{name}" for k in range(levels)
-          for name in (*(f"{m}.viscous" for m in motors), "delay")),
+          for name in (*(f"{m}.viscous" for m in (*motors, *joints_rubbing)), "delay")),
     )  # fmt: skip
     ordered = (*(zeros[c.name] for c in joints if c.name in zeros), *of_lengths)
-    return Unknowns(robot, vector, parts, ordered, sensors, sd, start, names)
+    return Unknowns(robot, vector, parts, ordered, sensors, sd, start, names, joints_rubbing)
+
+
+def _first_of_joints(
+    robot: RobotModel, joints: Sequence[str], motors: Sequence[float]
+) -> list[float]:
+    """Logarithms of the viscous frictions of joints at first: of their motors, on the arm side."""
+    arm = np.log(np.exp(motors) @ robot.eta**2)
+    of_joint = {robot.coordinates[i].name: float(x) for i, x in zip(robot.i_g, arm, strict=True)}
+    return [of_joint[name] for name in joints]
 
 
 def _numbers_of_model(robot: RobotModel, bodies: bool) -> tuple[str, ...]:
@@ -337,3 +371,34 @@ def is_physical(body: Body) -> bool:
     """Whether the inertia about the center of mass is that of some distribution of mass."""
     values = np.linalg.eigvalsh(np.array(body.inertia, float))
     return bool(body.mass >= 0.0 and values[0] >= 0.0 and values[:2].sum() >= values[2])
+
+
+def is_positive(body: Body) -> bool:
+    """Whether mass and inertia are not negative, which is less than `is_physical`."""
+    return bool(body.mass >= 0.0 and np.linalg.eigvalsh(np.array(body.inertia, float))[0] >= 0.0)
+
+
+def make_physical(unknowns: Unknowns, x: np.ndarray) -> np.ndarray:
+    """The numbers with the nearest inertias of physically consistent bodies.
+
+    Second moments of mass S = tr(I) E / 2 - I of a body are positive; those that are not are set
+    to `THIN` of the largest one, and I = tr(S) E - S.
+    """
+    out = x.copy()
+    model = unknowns.parts.model
+    robot = with_values(unknowns.robot, unknowns.vector.named(x[model]))
+    places = {name: k for k, name in enumerate(unknowns.names[model])}
+    for element in robot.elements:
+        if element.body.mass <= 0.0 or is_physical(element.body):
+            continue
+        inertia = np.array(element.body.inertia, float)
+        values, vectors = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
+        clipped = np.maximum(values, THIN * values.max())
+        moments = (vectors * clipped) @ vectors.T
+        new = np.trace(moments) * np.eye(3) - moments
+        for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)):
+            k = places.get(f"{element.name}.inertia_{'xyz'[i]}{'xyz'[j]}")
+            if k is not None:
+                at = model.start + k
+                out[at] = np.log(new[i, j]) if i == j else new[i, j]
+    return out

@@ -86,6 +86,9 @@ class Search:
         wrong, and the search ends.
     curvature : bool
         The sphere is that of the curvature, and the first one unlimited.
+    refusals : int, optional
+        It ends after so many refused steps in a row: where derivatives are not exact, shorter
+        steps gain little.
     bends : bool
         Add accelerations; for problems that are stated by residuals.
     stage : str
@@ -99,6 +102,7 @@ class Search:
     steps: int | None = None
     count: int | None = None
     curvature: bool = False
+    refusals: int | None = None
     bends: bool = False
     stage: str = "identify"
     tell: Callable[[int, Linearization], None] | None = None
@@ -238,6 +242,9 @@ class _State:
             self.converged = True
             return True
         is_near = left < max(STUCK**2, SMALL_GAIN * self.total)
+        most = self.search.refusals
+        if most is not None and self.refused >= most:
+            return True
         if self.radius < SMALL_STEP or (is_near and self.refused >= REFUSALS):
             # no step lowers the objective
             self.converged = is_near
