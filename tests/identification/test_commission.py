@@ -20,7 +20,11 @@ from flexgen.identification.commissioning.elastic_arm import ElasticArm
 from flexgen.identification.commissioning.motion_block import Motion, MotionBlock
 from flexgen.identification.commissioning.poses_block import PosesBlock
 from flexgen.identification.commissioning.responses_block import ResponsesBlock
-from flexgen.identification.commissioning.unknowns import DatasheetTolerances, make_unknowns
+from flexgen.identification.commissioning.unknowns import (
+    DatasheetTolerances,
+    FormNumbers,
+    make_unknowns,
+)
 
 pytestmark = needs_compiler
 
@@ -200,7 +204,7 @@ def make_blocks() -> tuple[np.ndarray, list[Block]]:
     robot = forms.with_joint_friction(robot, extent)
     unknowns = make_unknowns(
         robot, DatasheetTolerances(), bodies=True, positions=True, lengths=True, motions=1,
-        levels=1, rubbing=forms.friction_tolerances(robot, extent),
+        levels=1, form=FormNumbers(forms.friction_tolerances(robot, extent)),
     )  # fmt: skip
     arm = ElasticArm(unknowns, unknowns.sensors)
     path = np.column_stack([np.sin(3 * run.time), np.cos(4 * run.time), np.sin(5 * run.time)])

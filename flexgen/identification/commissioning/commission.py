@@ -56,6 +56,7 @@ from flexgen.identification.commissioning.responses_block import ResponsesBlock
 from flexgen.identification.commissioning.result import Commissioning, HeldOut
 from flexgen.identification.commissioning.unknowns import (
     DatasheetTolerances,
+    FormNumbers,
     Unknowns,
     linear_geometry,
     make_unknowns,
@@ -226,8 +227,7 @@ class _Study:
             lengths=lengths and data.has_positions,
             motions=len(data.motions),
             levels=len(data.responses),
-            rubbing=rubbing,
-            halves=() if bending is None else (bending.tip,),
+            form=FormNumbers(rubbing, () if bending is None else (bending.tip,)),
         )
         needs = bool(data.motions) or data.has_positions
         self.arm = ElasticArm(unknowns, unknowns.sensors) if needs else None

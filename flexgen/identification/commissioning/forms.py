@@ -28,7 +28,7 @@ from flexgen.model.elements import (
     RobotModel,
     SmoothSpring,
 )
-from flexgen.model.friction import Friction
+from flexgen.model.friction import NO_FRICTION, Friction
 from flexgen.model.reader import read
 
 # Torque of a gear over its largest one, or over that of the records, at which its curve bends.
@@ -94,15 +94,15 @@ def with_curves(robot: RobotModel, extent: Extent) -> RobotModel | None:
 
 
 def with_joint_friction(robot: RobotModel, extent: Extent) -> RobotModel:
-    """The robot whose joints behind elastic gears may have viscous and Coulomb friction, of the
-    type of the file.
+    """The robot whose joints behind elastic gears may have viscous and Coulomb friction; one for
+    which the file states friction keeps it.
     """
 
     def change(dof: Dof) -> Dof:
         top = extent.speeds.get(dof.name, 0.0)
         if dof.gear is None or dof.gear.rigid or top <= 0.0 or type(dof.friction) is not Friction:
             return dof
-        if dof.friction.beta > 0.0:
+        if dof.friction != NO_FRICTION:
             return dof
         return replace(dof, friction=replace(dof.friction, beta=1.0 / (COULOMB_WIDTH * top)))
 
@@ -118,7 +118,10 @@ def friction_tolerances(robot: RobotModel, extent: Extent) -> dict[str, float]:
         dof = coordinate.dof
         if dof is None or dof.gear is None or dof.gear.rigid:
             continue
-        if type(dof.friction) is not Friction or dof.friction.beta <= 0.0:
+        law = dof.friction
+        if type(law) is not Friction or law != replace(NO_FRICTION, beta=law.beta):
+            continue
+        if law.beta <= 0.0:
             continue
         torque = FRICTION * extent.torques.get(dof.name, 0.0)
         top = extent.speeds.get(dof.name, 0.0)

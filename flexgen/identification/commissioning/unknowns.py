@@ -22,8 +22,8 @@ is four times too large came with a gear that was a hundred times too soft.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -195,6 +195,23 @@ def linear_geometry(robot: RobotModel) -> RobotModel:
     return replace(robot, elements=tuple(elements))
 
 
+@dataclass(frozen=True)
+class FormNumbers:
+    """What a form of the robot has that the file does not have.
+
+    Parameters
+    ----------
+    rubbing : mapping
+        Numbers of the friction of joints, ``<joint>.viscous`` and ``.coulomb``, zero at first, and
+        their standard deviations; their friction at each level of responses is another one.
+    halves : tuple of str
+        Elements whose places are not free: the outer half of a link of the file.
+    """
+
+    rubbing: Mapping[str, float] = field(default_factory=dict)
+    halves: tuple[str, ...] = ()
+
+
 def make_unknowns(
     robot: RobotModel,
     tolerances: DatasheetTolerances,
@@ -204,8 +221,7 @@ def make_unknowns(
     lengths: bool,
     motions: int,
     levels: int,
-    rubbing: Mapping[str, float] | None = None,
-    halves: Collection[str] = (),
+    form: FormNumbers | None = None,
 ) -> Unknowns:
     """The unknowns of a robot for records of these kinds.
 
@@ -220,22 +236,19 @@ def make_unknowns(
         Positions were measured: frame and trackers are free; and zeros and lengths too.
     motions, levels : int
         Records of motions, and of responses.
-    rubbing : mapping, optional
-        Numbers of the friction of joints, ``<joint>.viscous`` and ``.coulomb``, and their standard
-        deviations; their friction at each level of responses is another one.
-    halves : collection of str
-        Elements whose places are not free: the outer half of a link of the file.
+    form : FormNumbers, optional
+        Numbers that the file does not have.
     """
     chosen = _numbers_of_model(robot, bodies)
     scale = np.log(tolerances.spring)
     priors = {name: _sd_of(robot, name, tolerances, scale) for name in chosen}
-    own_friction = dict(rubbing or {})
+    added = FormNumbers() if form is None else form
+    own_friction = dict(added.rubbing)
     vector = ParameterVector(
         robot,
         [*chosen, *own_friction],
         priors=priors | own_friction,
         bounds=dict.fromkeys(own_friction, (0.0, np.inf)),
-        linear=own_friction,
     )
     joints_rubbing = tuple(dict.fromkeys(name.rpartition(".")[0] for name in own_friction))
     places: list[Unknown] = []
@@ -251,7 +264,7 @@ def make_unknowns(
     joints = [robot.coordinates[i] for i in robot.i_g]
     # the place of the base is the frame of the measurement, which is free
     bases = tuple(f"{name}." for name, parent in robot.parents.items() if parent == "base")
-    bases += tuple(f"{name}." for name in halves)
+    bases += tuple(f"{name}." for name in added.halves)
     places = [u for u in places if u.name.endswith(".zero") or not u.name.startswith(bases)]
     of_lengths = [u for u in places if not u.name.endswith(".zero")]
     own = robot.n_m + len(joints_rubbing) + 1

@@ -13,7 +13,7 @@ sensors), and the gains of `flexgen.feedback.loop.controllers.Cascade`: ``<motor
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -85,7 +85,8 @@ class ParameterVector:
     start : mapping, optional
         Values to begin with; default: those of the model.
     bounds : mapping, optional
-        Name -> (lower, upper).
+        Name -> (lower, upper); a number that begins at its lower bound of zero has the scale
+        ``"linear"``.
     priors : mapping, optional
         Name -> standard deviation of the prior.
     ties : mapping, optional
@@ -93,8 +94,6 @@ class ParameterVector:
         values.
     controller : Cascade, optional
         Of the drives, where their gains are parameters.
-    linear : collection of str
-        Names of numbers with the scale ``"linear"``, which may begin at zero.
 
     Raises
     ------
@@ -113,7 +112,6 @@ class ParameterVector:
         priors: Mapping[str, float] | None = None,
         ties: Mapping[str, str] | None = None,
         controller: Cascade | None = None,
-        linear: Collection[str] = (),
     ) -> None:
         self.model = model
         start = dict(start or {})
@@ -154,7 +152,6 @@ class ParameterVector:
                 bounds,
                 priors,
                 tuple(sorted(a for a, b in ties.items() if b == p.name)),
-                p.name in linear,
             )
             for p in parameters
         )
@@ -335,14 +332,14 @@ def _unknown(
     bounds: Mapping[str, tuple[float, float]],
     priors: Mapping[str, float],
     tied: tuple[str, ...],
-    linear: bool,
 ) -> Unknown:
-    """One number with its start, scale, bounds and prior; ``linear``: whatever its name."""
+    """One number with its start, scale, bounds and prior."""
     name = parameter.name
     first = float(start.get(name, parameter.value))
     late = name == DELAY or is_of_sensor(name)
     signed = late or ".com_" in name or name.endswith((".offset", *PRODUCTS))
-    scale = "linear" if signed or linear else "log"
+    begins_at_zero = first == 0.0 and name in bounds and bounds[name][0] == 0.0
+    scale = "linear" if signed or begins_at_zero else "log"
     if not math.isfinite(first) or (scale == "log" and first <= 0.0):
         raise ArgumentError(
             f"start of {name}: given {first!r} {parameter.unit}, expected a number > 0; name "
