@@ -18,7 +18,6 @@ from seeded_draws import on_draws
 
 import flexgen
 from flexgen.base.errors import ModelError
-from flexgen.codegen.recursion.arm import Arm
 from flexgen.codegen.recursion.functions import (
     RECURSIVE_BUILDERS,
     agrees,
@@ -26,6 +25,7 @@ from flexgen.codegen.recursion.functions import (
     operations_of,
     recursive_function,
 )
+from flexgen.codegen.recursion.joints import Joints
 from flexgen.dynamics.mechanics.equations import derive
 from flexgen.exports.mechanisms import mechanisms as mechanisms_of
 from flexgen.exports.mujoco import mujoco_forces
@@ -270,14 +270,14 @@ def test_a_recursion_without_the_torques_of_the_mechanism_is_found(tmp_path, mon
     """A planted error: torques of the axis that the mechanism moves are lost, so that the robot
     has no recursion.
     """
-    added = Arm.to_coordinates
+    added = Joints.gather
 
     def without_the_third(self, x):
         return added(
             self, [*x[:2], [0.0 * y for y in x[2]] if isinstance(x[2], list) else 0.0, *x[3:]]
         )
 
-    monkeypatch.setattr(Arm, "to_coordinates", without_the_third)
+    monkeypatch.setattr(Joints, "gather", without_the_third)
     robot = linkage(tmp_path)
     assert not agrees(derive(robot)) and fast_function(derive(robot), "mass_matrix") is None
 
