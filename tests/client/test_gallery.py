@@ -175,6 +175,17 @@ def check_uncertain_robots(rows: dict[str, list[str]]) -> None:
     assert mean < 0.02 and largest < 0.05
 
 
+def check_redundant_arm(rows: dict[str, list[str]]) -> None:
+    names = ("carriage at rest", "carried by 0.3 m", "carried by 0.6 m")
+    found = [numbers(rows[name]) for name in names]
+    assert [cells[0] for cells in found] == [0.0, 0.3, 0.6]
+    # the more the carriage does, the less the joints
+    assert found[0][1] > found[1][1] > found[2][1]
+    least, heavy = (numbers(rows[name])[0] for name in ("weight 1", "weight 25"))
+    assert 0.0 < heavy < least
+    assert len({rows[joint][0] for joint in ("rail", "q1", "q3")}) == 3  # the output moves zeros
+
+
 CHECKS = {
     name.removeprefix("check_"): check
     for name, check in list(globals().items())
