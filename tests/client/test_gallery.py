@@ -186,7 +186,15 @@ def check_redundant_arm(rows: dict[str, list[str]]) -> None:
     assert len({rows[joint][0] for joint in ("rail", "q1", "q3")}) == 3  # the output moves zeros
 
 
+def check_counterbalance(rows: dict[str, list[str]]) -> None:
+    without = numbers(rows["without"])
+    balanced = numbers(rows["with"])
+    # at rest, in the move, RMS of the move
+    assert all(x < 0.9 * y for x, y in zip(balanced, without, strict=True))
+
+
 CHECKS = {
+    "counterbalance": check_counterbalance,
     name.removeprefix("check_"): check
     for name, check in list(globals().items())
     if name.startswith("check_")

@@ -42,14 +42,38 @@ com = [0, 0, 0.1]
 inertia = [0.1, 0.1, 0.1, 0, 0, 0]
 [output]
 type = "tool_pose"
+[[frame]]
+name = "table"
+position = [0.1, 0, 0]
+rpy_deg = [0, 0, 90]
 [[move]]
 name = "arc"
 type = "tool_circle"
+frame = "table"
+carried = {{ displacement = [0.1, 0, 0], rotation_deg = [0, 0, 5] }}
 start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
 center = [0.1, 0, 0]
 axis = [0, 0, 1]
 angle_deg = 30
 rotation_deg = [0, 0, 5]
+duration = 1
+smoothness = 5
+[[move]]
+name = "seam"
+type = "tool_line"
+frame = "table"
+carried = {{ displacement = [0.1, 0, 0] }}
+start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
+displacement = [0.1, 0, 0]
+duration = 1
+smoothness = 5
+[[move]]
+name = "weld"
+type = "tool_polyline"
+frame = "table"
+carried = {{ rotation_deg = [0, 0, 5] }}
+start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
+legs = [{{ displacement = [0.1, 0, 0] }}]
 duration = 1
 smoothness = 5
 [[move]]
@@ -222,6 +246,9 @@ def everything(folder: Path) -> Path:
         '[[element]]\nname = "b"\nparent = "s4"\n[element.beam]\nlength = 1\nmass_per_length = 2\n'
     )
     text += '[[element.beam.bending]]\ndirection = "y"\nstiffness = 100\nmodes = 1\n'
+    text += "[element.beam.torsion]\nstiffness = 9\ninertia_per_length = 1e-4\nmodes = 1\n"
+    text += "[element.beam.stretch]\nstiffness = 1e5\nmodes = 1\n"
+    text += "[element.beam.tip]\nmass = 1\ninertia = [0, 0, 0]\n"
     for k in range(6):
         text += f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-3\n'
         text += 'axis = [0, 0, 1]\ncarrier = "base"\n'
