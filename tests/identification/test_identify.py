@@ -638,3 +638,23 @@ def test_the_damping_of_a_robot_with_one_joint_is_found(tmp_path: Path) -> None:
     found = flexgen.identify(model, responses, starts=1, free=["q1.viscous"], progress=False)
     assert found.status == FitStatus.FITTED and found.sd["q1.viscous"] < 0.01
     assert abs(np.log(found.values["q1.viscous"] / 60.0)) < 4 * found.sd["q1.viscous"]
+
+
+def test_stiffnesses_of_responses_with_friction_are_marked(tmp_path):
+    """A model error of a model with Coulomb friction says at which load its stiffnesses are, in
+    the text, the page's data and the file; one without friction does not.
+    """
+    truth = without_coulomb("planar5_nmp")
+    data = replace(exact_responses(truth, poses_of(truth, 2), W, DRIVE), sample_s=0.0)
+    law = {"viscous": 2e-3, "coulomb": 0.5, "beta": 100.0}
+    rough = flexgen.read("planar5_nmp", overrides={"motor.m1.friction": law})
+    found = flexgen.identify(rough, data, free=FREE, starts=1, progress=False)
+    assert found.status == FitStatus.MODEL_ERROR
+    sentence, advice = found.load_note
+    assert "gears at small torques" in sentence and "commission" in advice
+    assert sentence in " ".join(found.to_text().split())
+    assert sentence in found.to_dict()["sentence"] and advice in found.to_dict()["advice"]
+    text = found.write(tmp_path / "new.toml").read_text(encoding="utf-8")
+    assert "# Status: model error." in text and f"# {sentence}" in text
+    plain = flexgen.identify(truth, data, free=FREE, starts=1, progress=False)
+    assert plain.status == FitStatus.MODEL_ERROR and not any(plain.load_note)

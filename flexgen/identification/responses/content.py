@@ -71,6 +71,7 @@ def content_of_responses(found: Any) -> tuple[Part, ...]:
     words = [f"{status.sentence} {status.advice}"]
     grade = "" if found.grade is None else f"{found.grade.sentence}."
     words += [grade[0].upper() + grade[1:]] if grade else []
+    words += [" ".join(found.load_note)] if any(found.load_note) else []
     words += [f"possible cause: {cause}" for cause in found.causes]
     amplitude = amplitude_sentence(found)
     words += [f"amplitude test: {amplitude}"] if amplitude else []
@@ -84,8 +85,8 @@ def content_of_responses(found: Any) -> tuple[Part, ...]:
         parameter_table(found),
         *_bands(found),
         *(Prose(f"{line}.", "weak") for line in found.weak),
-        Data("sentence", status.sentence),
-        Data("advice", status.advice),
+        Data("sentence", " ".join([status.sentence, found.load_note[0]]).strip()),
+        Data("advice", " ".join([status.advice, found.load_note[1]]).strip()),
         Data("weak_directions", list(found.weak)),
         Data("causes", causes),
         *tested,

@@ -49,6 +49,13 @@ from flexgen.model.urdf.overlay_keys import has_table, overlay_key
 
 WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file
 TIME_DOMAIN = "time domain"  # weights of a result of `refine`
+# Sentence and advice on stiffnesses from responses with friction.
+NO_LOAD = (
+    "The model has Coulomb friction, which responses show as damping only: stiffnesses are those "
+    "of gears at small torques, and gears that stiffen are softer there than under load.",
+    "Find stiffnesses under load from loaded poses (calibrate), from a tracker along motions, or "
+    "from all records at once (commission).",
+)
 # Name of the variant of an overlay that sets identified numbers for which the overlay has no key.
 IDENTIFIED = "identified"
 
@@ -190,8 +197,21 @@ class Estimated(FitResult):
         note = "" if self.status.has_deviations else f"{self.status}, no standard deviations"
         sd = {name: value for name, value in self.sd.items() if value is not None}
         values = self.used() | self.sensor_delays
-        words = FileWords(self.source, note=note, finish=self._with_uncertainty)
+        words = FileWords(self.source, self._mark, note, self._with_uncertainty)
         return write_model(path, self.vector.model, values, sd, words, model_file)
+
+    @property
+    def _mark(self) -> str:
+        """Comment at the begin of a file with numbers of a fit that does not agree; else empty."""
+        if self.status.agrees or self.status.has_deviations:
+            return ""
+        lines = [f"Status: {self.status}.", self.status.sentence, *self.load_note]
+        return "".join(f"# {line}\n" for line in lines if line)
+
+    @property
+    def load_note(self) -> tuple[str, str]:
+        """Sentence and advice on the load of stiffnesses; empty where there are none to make."""
+        return "", ""
 
     def _with_uncertainty(self, text: str) -> str:
         """The text of the new model file with the table ``[uncertainty]``."""
@@ -306,6 +326,22 @@ class IdentificationResult(Estimated):
         """
         hidden = self.weights != TIME_DOMAIN and name in with_coulomb(self.vector.model)
         return hidden or super().is_weak(name)
+
+    @property
+    def load_note(self) -> tuple[str, str]:
+        """Sentence and advice on stiffnesses of a robot with friction; empty where the status has
+        none to make.
+
+        A motor with Coulomb friction passes little of its torque to the gear, and the responses
+        are those of gears under small torques. A gear that stiffens is softer there than under
+        load.
+        """
+        if self.status is not FitStatus.MODEL_ERROR or self.weights == TIME_DOMAIN:
+            return "", ""
+        stiff = [name for name in self.used() if name.endswith(".stiffness")]
+        if not stiff or not with_coulomb(self.vector.model):
+            return "", ""
+        return NO_LOAD
 
     def figures(self) -> dict[str, Any]:
         """The former name of `to_dict`."""
