@@ -194,7 +194,6 @@ def check_counterbalance(rows: dict[str, list[str]]) -> None:
 
 
 CHECKS = {
-    "counterbalance": check_counterbalance,
     name.removeprefix("check_"): check
     for name, check in list(globals().items())
     if name.startswith("check_")

@@ -354,6 +354,7 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
             weak=("mass and damping",),
             model=robot.with_values({}) if 0 else robot,
             held_out=(),
+            load_note=("", ""),
             correlation=np.array([[1, 0.4, -0.95], [0.4, 1, 0.51], [-0.95, 0.51, 1]]),
         )
         found.content = functools.partial(content_of_responses, found)

@@ -549,7 +549,9 @@ def _tasks(model: RobotModel, folder: Path) -> dict[str, list[dict[str, Any]]]:
     folder.
     """
     data = json.loads(model.text) if model.text else {}
-    out: dict[str, list[dict[str, Any]]] = {key: data.get(key, []) for key in ("move", "program")}
+    out: dict[str, list[dict[str, Any]]] = {
+        key: data.get(key, []) for key in ("frame", "move", "program")
+    }
     files = {move.name: move.file for move in model.moves if move.file}
     for table in out["move"]:
         if table["name"] in files:
