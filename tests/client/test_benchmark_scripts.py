@@ -31,6 +31,8 @@ SHORTEST = {
     "batches/measure.py": ["elbow", "--quick"],
     "claims/claims.py": [RESULTS, "--quick"],
     "closed_form_sweep.py": ["20"],
+    "commissioning/coverage.py": [FOLDER, "--seeds", "3"],
+    "commissioning/faults.py": [FOLDER, "--only", "exchanged"],
     "commissioning/trial.py": [FOLDER, "--quick"],
     "compilers/compilers.py": ["elbow"],
     "control.py": ["--quick"],
@@ -72,6 +74,7 @@ NEEDS = {
 # Scripts that other scripts start, and what no machine of the tests has.
 OTHERS = {
     "array_parts/gpu.py": "needs a GPU",
+    "commissioning/flexible_joints.py": "started on the folder of commissioning/trial.py",
     "inversion_opty.py": "started by inversion.py, with an interpreter that has opty",
     "planning_peers/opty_rest_to_rest.py": "started by planning.py, as inversion_opty.py",
 }

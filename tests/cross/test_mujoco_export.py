@@ -38,6 +38,8 @@ ACCELERATION = 1e-9
 REFUSED = {
     "abb_arm": "coulomb",
     "beam_arm": "beam",
+    "kr300_balancer": "gas spring",
+    "palletizer": "line without mass",
     "kr300@backlash": "dead band",
     "manutec_r3": "coulomb",
     "manutec_r3_18": "coulomb",

@@ -199,6 +199,8 @@ def check_potential(a: Answers, model: RobotModel, some: list[State]) -> None:
         tau_g = a.gear_torque(s.q_a, still[0], s.q_m, still[1])
         held = a.gravity(s.q_a)
         held[i_g] -= tau_g
+        if model.lines:
+            held -= a.arm_forces(s.q_a, still[0])
         if i_e:
             held[i_e] -= a.elastic_torque(s.q_a, still[0])
         energy = 10 * np.finfo(float).eps * abs(potential(s.q_a, s.q_m))  # its rounding

@@ -35,6 +35,7 @@ def differences(equations: Equations, row: Row) -> list[str]:
         "n_y": model.output.size,
         "n_t": model.output.target_size,
     }
+    sizes["n_l"] = len(model.lines)
     sizes["n_s"] = sum(len(sensor.channels) for sensor in model.sensors)
     if row.name == "output" and model.output.type == "tool_pose":
         sizes["n_y"] = 3

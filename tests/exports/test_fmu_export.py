@@ -67,7 +67,7 @@ def test_the_path_of_a_feedforward_begins_at_home_with_the_units_of_the_output(o
         q_a = np.full(model.n_a, 0.7)
     else:
         model = flexgen.read("elbow")
-        axes = ("y", "x") if output == "position" else model.output.axes
+        axes = ("y", "x") if output == "position" else "xyz"
         model = replace(model, output=replace(model.output, type=f"tool_{output}", axes=axes))
         q_a = np.array([0.3, 0.4])
         p, R = (np.array(x) for x in flexgen.derive(model).function("forward_kinematics")(q_a))

@@ -444,7 +444,13 @@ def test_warnings_of_exceeded_limits_name_value_and_limit() -> None:
         *robot.coordinates[2:],
     )
     robot = Made(
-        motors=robot.motors, coordinates=coordinates, n_m=3, n_a=4, i_e=(), tool=robot.tool
+        motors=robot.motors,
+        coordinates=coordinates,
+        n_m=3,
+        n_a=4,
+        i_e=(),
+        tool=robot.tool,
+        lines=(),
     )
     x = np.zeros((len(T), 4))
 

@@ -77,6 +77,7 @@ def along(steps: int, stiffer: float = 0.0, states: tuple[Any, ...] = ()) -> Alo
         force=np.array([forces(x) for x in t]).transpose(1, 0, 2),
         constant=CONSTANT,
         varying={1: (VARYING[0] * grown, VARYING[1] * grown, VARYING[2] * grown)},
+        squares={},
         feedback=MotorFeedback(C, K_P, K_S, K_I, {}),
         W=np.tile(W, (len(t), 1, 1)),
         units=("m", "m", "m"),

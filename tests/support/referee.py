@@ -547,7 +547,7 @@ class Answers:
 
     NAMES = (
         "forward_kinematics jacobian jacobian_dot mass_matrix bias gravity inverse_dynamics "
-        "forward_dynamics residual energy power gear_torque elastic_torque linearize"
+        "forward_dynamics residual energy power gear_torque elastic_torque arm_forces linearize"
     ).split()
 
     def __init__(self, equations, **replaced):
@@ -632,7 +632,9 @@ def random_state(model: RobotModel, rng: np.random.Generator, speed: float = 1.0
     q_a = np.zeros(model.n_a)
     v_a = speed * draw(model.n_a)
     a_a = 2 * draw(model.n_a)
-    q_a[i_g] = np.array(model.home) + 0.7 * draw(model.n_g)
+    # loops close, and gas springs stay in their strokes, around home only
+    spread = 0.1 if model.loops or model.lines else 0.7
+    q_a[i_g] = np.array(model.home) + spread * draw(model.n_g)
     q_a[i_e] = [
         0.02 if model.coordinates[i].dof is None else twist_size(model.coordinates[i].dof.spring)
         for i in i_e

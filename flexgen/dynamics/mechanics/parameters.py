@@ -43,6 +43,7 @@ import casadi as ca
 
 from flexgen.base.errors import ArgumentError
 from flexgen.base.registry import provides
+from flexgen.base.spec.arguments import is_number
 from flexgen.base.spec.fourier import FourierSum
 from flexgen.base.spec.parts import GearFriction
 from flexgen.model.abilities import obstacle
@@ -465,16 +466,31 @@ _LINE_NUMBERS = {
 }
 
 
+def _group_of(value: Any, group: str) -> tuple[str, ...]:
+    """The group of a number of a line; none for zero: a line that is a mass only has no spring,
+    and one without a damper is not given one.
+    """
+    return () if is_number(value) and value == 0 else (group,)
+
+
 def _line(line: Line, visit: Visit) -> Line:
     """The line with its numbers replaced by what the visitor returns: stiffness and damping in the
-    groups of springs, the others by their own names only.
+    groups of springs where it has them, the others by their own names only.
     """
     key = f"line.{line.name}"
     doc = f"line {line.name}"
     mass = visit(Parameter(f"{line.name}.mass", line.mass, "kg", doc, f"{key}.mass", inertia=True))
+    damper = Parameter(
+        f"{line.name}.damping",
+        line.damping,
+        "N s/m",
+        f"damping of {doc}",
+        f"{key}.damping",
+        bound=NOT_NEGATIVE,
+    )
     changes = {
         "mass": mass,
-        "damping": _damping(line.damping, line.name, doc, _linear, key, visit),
+        "damping": visit(damper, *_group_of(line.damping, "damping")),
     }
     for one in fields(line):
         if one.name in _LINE_NUMBERS:
@@ -483,7 +499,7 @@ def _line(line: Line, visit: Visit) -> Line:
             number = Parameter(
                 f"{line.name}.{one.name}", value, unit, doc, f"{key}.{one.name}", bound=bound
             )
-            groups = ("stiffness",) if one.name == "stiffness" else ()
+            groups = _group_of(value, "stiffness") if one.name == "stiffness" else ()
             changes[one.name] = visit(number, *groups)
     return replace(line, **changes)
 
