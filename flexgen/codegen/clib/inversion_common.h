@@ -18,7 +18,7 @@ enum {
     NY = MODEL_NY,
     NT = MODEL_NT,
     PLACES = MODEL_POSE ? NY - 3 : NY, /* outputs before the rotation of a pose */
-    PARAMETERS = MODEL_PARAMETERS, /* run-time parameters */
+    PARAMETERS = MODEL_PARAMETERS,     /* run-time parameters */
     POINTS = BLOCK,
     STAGES = 3,
 #if MODEL_FORCE

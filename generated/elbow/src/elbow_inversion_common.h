@@ -18,7 +18,7 @@ enum {
     NY = ELBOW_NY,
     NT = ELBOW_NT,
     PLACES = ELBOW_POSE ? NY - 3 : NY, /* outputs before the rotation of a pose */
-    PARAMETERS = ELBOW_PARAMETERS, /* run-time parameters */
+    PARAMETERS = ELBOW_PARAMETERS,     /* run-time parameters */
     POINTS = BLOCK,
     STAGES = 3,
     REFERENCE = NT + 2 * NY /* numbers of a path sample: y, dy, ddy */
