@@ -7,6 +7,7 @@ TEMPLATES = (
     "scara",
     "palletizer",
     "six-axis",
+    "track",
     "counterbalanced",
     FLEXIBLE_LINK,
 )
