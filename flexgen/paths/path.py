@@ -21,7 +21,6 @@ from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
 from flexgen.paths.geometry.jets import JET, ORDER, chain_rule
-from flexgen.paths.geometry.joint_follower import check_posture, joint_segments
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timing.joint_limits import InverseKinematics, beyond_range
 from flexgen.paths.timing.move_planner import plan_move
@@ -112,9 +111,14 @@ class Path(Result):
         a motion of all joints, which its posture chooses.
         """
         model = self.equations.model
+        is_chosen = model.output.is_with_joints and not isinstance(move, JointMotion)
+        if move.posture is None and not is_chosen:
+            return plan_move(self.reference, move)
+        from flexgen.paths.geometry.joint_follower import check_posture, joint_segments
+
         if move.posture is not None:
             check_posture(model, move.posture, move.name)
-        if not model.output.is_with_joints or isinstance(move, JointMotion):
+        if not is_chosen:
             return plan_move(self.reference, move)
         alone = Equations(replace(model, output=model.output.of_tool))
         planned = plan_move(Reference(alone), move)

@@ -14,7 +14,6 @@ from flexgen.dynamics.mechanics.output_columns import output_units
 from flexgen.model.elements import OF_ROTATION
 from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Vector, Where
 from flexgen.paths.geometry.blended_curve import MIN_CORNER_SPEED, BlendedCurve
-from flexgen.paths.geometry.carried_curve import CarriedCurve
 from flexgen.paths.geometry.jets import (
     Attitude,
     axis_angle,
@@ -147,6 +146,8 @@ class _Planner:
                 list(carrier.rotation),
                 f"a rotation about the axis of the output, {output.axis_text}: a multiple of it",
             )
+        from flexgen.paths.geometry.carried_curve import CarriedCurve
+
         axis = np.array(output.rotation_axis) if output.has_angle else None
         return CarriedCurve(curve, carrier, axis)
 
