@@ -238,7 +238,9 @@ def judge(fault: Fault, status: int, text: str) -> str:
     """Verdict on the text of a verb, see the head of this module."""
     causes = causes_in(text)
     if fault.named == "^$":
-        return "misnamed" if causes else ("refused" if status else "fitted")
+        if causes:
+            return "misnamed"
+        return "refused" if status else "fitted"
     said = causes or [line for line in text.splitlines() if line.startswith("flexgen:")]
     if any(re.search(fault.named, line) for line in said):
         return "named"

@@ -169,7 +169,7 @@ class Carrier:
 @checked_class
 @dataclass(frozen=True)
 class Posture:
-    """How a move of the tool chooses the joints that the tool leaves free.
+    """Rule by which a move of the tool chooses the joints that the tool leaves free.
 
     They change as little as possible, in the sense of the sum of their squared changes, each times
     its weight. ``joints``: those with a motion of their own, which change by ``change`` [rad or m]

@@ -199,7 +199,9 @@ def test_the_tension_is_the_slope_of_the_energy(name: str) -> None:
 # Weights of the elbow arm on its first and second angle; q1 is measured from the vertical.
 WEIGHT_1 = 9.81 * (339.12 * 0.441 + 190.25 * 1.150)  # N m
 WEIGHT_2 = 9.81 * 190.25 * 0.465
-HEIGHT, RADIUS = 0.6, 0.2  # m, of the ends below and behind the first joint
+# m, of the ends below and behind the first joint
+HEIGHT = 0.6
+RADIUS = 0.2
 
 
 def torques_at_rest(line: dict[str, Any], q: np.ndarray) -> np.ndarray:

@@ -275,7 +275,8 @@ class Multipliers:
         # rows that others imply are left out
         U, s, V = np.linalg.svd(J, full_matrices=False)
         kept = s > 1e-9 * s[0]
-        J, gamma = V[kept], (U[:, kept].T @ gamma) / s[kept]
+        gamma = (U[:, kept].T @ gamma) / s[kept]
+        J = V[kept]
         K = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
         a = np.linalg.solve(K, np.concatenate([f, gamma]))[: 6 * n].reshape(n, 6)
         return self.joint_accelerations(np.vstack([np.zeros(6), a]))

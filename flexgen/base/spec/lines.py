@@ -31,7 +31,7 @@ class Anchor:
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """What all lines have.
+    """Ends, mass and damping that all lines have.
 
     ``start``, ``end``: the two points. ``mass`` [kg], uniform along the line. ``damping``
     [N s/m]: tension for each m/s at which the line grows. ``length_min``, ``length_max`` [m]:

@@ -107,7 +107,8 @@ def _planar_pair(
         S0, S1 = first.sums
         T0, T1 = second.sums
         G = _minus(T0, S0)
-        hinge, other = second.hinges[0], first.hinges[0]
+        hinge = second.hinges[0]
+        other = first.hinges[0]
         levers = (G, T1, S1)
     else:
         two, none = (first, second) if first.hinges else (second, first)

@@ -197,7 +197,7 @@ def linear_geometry(robot: RobotModel) -> RobotModel:
 
 @dataclass(frozen=True)
 class FormNumbers:
-    """What a form of the robot has that the file does not have.
+    """Numbers of a form of the robot that are not in its file.
 
     Parameters
     ----------

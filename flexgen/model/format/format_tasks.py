@@ -99,7 +99,7 @@ def _read_further(table: Table, key: Key, here: Context) -> Matrix:
 
 
 def _read_posture(table: Table, key: Key, here: Context) -> Posture:
-    """How a move chooses the joints that the tool leaves free."""
+    """The rule by which a move chooses the joints that the tool leaves free."""
     names = [c.name for c in list_actuated(here)]
     inner = table.table(key.name)
     assert inner is not None  # the key is there

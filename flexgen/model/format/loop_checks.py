@@ -116,7 +116,8 @@ def _find_closed(model: RobotModel, values: Values, error: float) -> tuple[Value
     for start in _starts(model):
         found, other = newton(model, values | start)
         if other < error:
-            values, error = found, other
+            values = found
+            error = other
         if error < 1e3 * CLOSED:
             break
     return values, error
