@@ -193,6 +193,12 @@ def check_counterbalance(rows: dict[str, list[str]]) -> None:
     assert all(x < 0.9 * y for x, y in zip(balanced, without, strict=True))
 
 
+def check_elastic_rods(rows: dict[str, list[str]]) -> None:
+    names = ("all springs", "rods 20 % softer", "rods rigid", "bearing rigid")
+    largest = [numbers(rows[name])[0] for name in names]
+    assert largest[0] < 0.1 < 50.0 < largest[1] < largest[2] < largest[3]  # um
+
+
 CHECKS = {
     name.removeprefix("check_"): check
     for name, check in list(globals().items())

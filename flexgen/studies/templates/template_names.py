@@ -6,6 +6,7 @@ TEMPLATES = (
     "gantry",
     "scara",
     "palletizer",
+    "four-bar",
     "six-axis",
     "track",
     "counterbalanced",
