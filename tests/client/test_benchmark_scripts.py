@@ -46,6 +46,7 @@ SHORTEST = {
     "models.py": ["elbow"],
     "peers.py": ["--quick", "--robots", "ur5"],
     "planning.py": ["--quick"],
+    "redundancy/redundancy.py": ["--quick"],
     "reversals/reversals.py": [RESULTS, "--quick"],
     "sizes.py": ["elbow"],
     "trees/trees.py": ["--quick"],

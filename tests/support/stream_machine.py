@@ -70,11 +70,13 @@ class Machine:
         }
         if sample.R is not None:
             channels["R_ref"] = sample.R.reshape(len(t), 9)
-        units = {"tau_m": "N m", "q_a": "rad or m", "q_m": "rad", "y_ref": "m", "R_ref": "-"}
+        of_output = output_units(model)
+        units = {"tau_m": "N m", "q_a": "rad or m", "q_m": "rad", "R_ref": "-"}
+        units["y_ref"] = " or ".join(sorted(set(of_output)))
         ports = {
             name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()
         }
-        of_columns = {"y_ref": output_units(model)} if model.output.is_with_joints else {}
+        of_columns = {"y_ref": of_output} if model.output.is_with_joints else {}
         trajectory = Trajectory(t, channels, ports, labels, {"model": model.name}, of_columns)
         if not hold:
             return simulate(self.equations, trajectory)
