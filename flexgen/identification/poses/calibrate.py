@@ -56,8 +56,9 @@ from flexgen.identification.poses.parameters import (
 )
 from flexgen.identification.poses.poses import StaticPoses, surfaces_of
 from flexgen.identification.poses.result import Calibration
-from flexgen.identification.poses.score_test import Suspect, find_causes
+from flexgen.identification.poses.score_test import MOVED, Suspect, find_causes
 from flexgen.identification.poses.statics import Numbers, Statics
+from flexgen.identification.poses.tolerance_test import ELSEWHERE, ToleranceTest, check_tolerances
 from flexgen.identification.poses.tree import Tree
 from flexgen.model.abilities import needs
 from flexgen.model.elements import RobotModel
@@ -185,7 +186,9 @@ def calibrate(
         start = np.array([known.get(u.name, u.start) for u in unknowns])
         found_all = _fit_determined(study, start, tell)
         study, result, accuracy, tilt = found_all.last
-        causes = _causes(study, found_all, [u.name for u in unknowns] + [held])
+        taken = [u.name for u in unknowns] + [held]
+        tolerances = _check_tolerances(found_all, unknowns, start, taken)
+        causes = _causes(study, found_all, taken, tolerances)
         reason = reason_of_end()
         checked = folds > 0 and not reason
         held_out = None
@@ -213,6 +216,7 @@ def calibrate(
         reason,
         found_all.kept,
         causes,
+        () if tolerances is None else tolerances.limits,
     )
 
 
@@ -389,14 +393,41 @@ def _fit_from(
     return None
 
 
-def _causes(study: _Study, found: _Determined, taken: Sequence[str]) -> tuple[Suspect, ...]:
-    """Numbers that are held and that the poses contradict, the one that explains most first."""
+def _check_tolerances(
+    found: _Determined, unknowns: Sequence[Unknown], start: np.ndarray, taken: Sequence[str]
+) -> ToleranceTest | None:
+    """Whether the poses contradict the tolerances of a data sheet, for a reason; None: not tested,
+    as for touches, whose places are not known.
+    """
+    part, minimum, _, tilt = found.last
+    statics = part.statics
+    touched = statics.groups is not None and bool((statics.groups >= 0).any())
+    if is_over() or touched or statics.touches is not None:
+        return None
+    with keep_best():
+        problem = part.of(unknowns).problem_with(tilt, minimum, part)
+        return check_tolerances(problem, minimum, start, taken)
+    return None
+
+
+def _causes(
+    study: _Study, found: _Determined, taken: Sequence[str], tolerances: ToleranceTest | None
+) -> tuple[Suspect, ...]:
+    """Numbers that the poses contradict, the one that explains most first."""
     if is_over():
         return ()
     _, minimum, _, tilt = found.last
+    more: tuple[Suspect, ...] = ()
     with keep_best():
-        return find_causes(study.problem_with(tilt, minimum, study), minimum, taken)
-    return ()
+        more = find_causes(study.problem_with(tilt, minimum, study), minimum, taken)
+    if tolerances is None or not tolerances.causes:
+        return more
+    if minimum.scale > ELSEWHERE * tolerances.scale:
+        return tolerances.causes
+    known = [*tolerances.worse, *(cause.name for cause in tolerances.causes)]
+    others = [cause for cause in more if cause.z is None or cause.name not in known]
+    moved = [cause for cause in others if cause.z is None or cause.name.startswith(MOVED)]
+    return (*moved, *tolerances.causes, *(cause for cause in others if cause not in moved))
 
 
 def check_poses(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None:

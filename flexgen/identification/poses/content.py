@@ -55,8 +55,23 @@ def content_of_calibration(found: Any) -> tuple[Part, ...]:
         ),
         Prose(_frame(found), "frame"),
         *(Prose(f"possible cause: {cause}", "causes") for cause in found.causes[:CAUSES]),
+        *_hidden(found),
         *_data(found),
     )
+
+
+def _hidden(found: Any) -> list[Part]:
+    """Faults that the poses do not show."""
+    if not found.not_visible:
+        return []
+    faults = ", ".join(map(str, found.not_visible))
+    return [
+        Prose(
+            f"not visible in these poses, since compliances do the same: a wrong {faults}; "
+            "`identify --rigid` and `commission` test masses with torques",
+            "not_visible",
+        )
+    ]
 
 
 def _errors(found: Any) -> Table:
@@ -153,6 +168,7 @@ def _data(found: Any) -> tuple[Data, ...]:
         "determined": found.determined,
         "not_measured": list(found.kept),
         "causes": [cause.to_dict() for cause in found.causes],
+        "not_visible": [vars(limit) for limit in found.not_visible],
         "warnings": list(found.warnings),
         "ended": found.ended,
     }

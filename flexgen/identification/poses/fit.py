@@ -59,7 +59,7 @@ class Poses(Problem):
 
     ``whitening`` (N, 3 k, 3 k): with it the errors of a pose are ``W r`` with unit covariance, and
     count as one length; without it each point counts, over the scale. ``weights`` (N, k): factors
-    of the errors.
+    of the errors. ``fixed_scale`` [m]: of the errors, where it is known.
     """
 
     def __init__(
@@ -70,8 +70,11 @@ class Poses(Problem):
         robust: bool,
         whitening: np.ndarray | None = None,
         weights: np.ndarray | None = None,
+        fixed_scale: float | None = None,
     ) -> None:
         self.statics = statics
+        self.robust = robust
+        self.fixed_scale = fixed_scale
         self.weights = weights
         self.medians: np.ndarray | float = MEDIAN_LENGTH
         if statics.touches is not None:
@@ -129,6 +132,8 @@ class Poses(Problem):
         return max(float(np.median((lengths / self.medians)[self.valid])), self.sharpest)
 
     def _scale_of(self, residual: np.ndarray) -> float:
+        if self.fixed_scale is not None:
+            return self.fixed_scale
         return self.scale(np.linalg.norm(residual.reshape(*self.valid.shape, 3), axis=2))
 
     def _gap(self, rest: Rest) -> np.ndarray:

@@ -29,6 +29,7 @@ from flexgen.identification.poses.parameters import FRAME, Unknown
 from flexgen.identification.poses.poses import LARGEST, StaticPoses
 from flexgen.identification.poses.score_test import Suspect
 from flexgen.identification.poses.statics import Numbers, Statics
+from flexgen.identification.poses.tolerance_test import Limit
 from flexgen.identification.poses.tree import Tree
 from flexgen.model.elements import RobotModel
 from flexgen.model.new_file import text_of_model, with_overrides, write_model_text
@@ -98,7 +99,11 @@ class Calibration(FitResult):
     causes : tuple of Suspect
         Numbers of the model that are not free, scales, and gravity, that the poses contradict;
         the one that explains most of the errors first. See the module
-        `flexgen.identification.poses.score_test`.
+        `flexgen.identification.poses.score_test`; and free numbers that are wrong by more than
+        tolerances of a data sheet.
+    not_visible : tuple of Limit
+        A wrong mass or center of mass of the payload and a scale of the positions that the poses
+        do not show up to a limit.
     ended : str
         ``"time limit"`` or ``"interrupted"`` where the search was ended from outside: the numbers
         are those of its best step. Else empty.
@@ -132,6 +137,7 @@ class Calibration(FitResult):
     ended: str = ""
     kept: tuple[str, ...] = ()
     causes: tuple[Suspect, ...] = ()
+    not_visible: tuple[Limit, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Calibration {self.nominal.title}: {self.sentence}>"

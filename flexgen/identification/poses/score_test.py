@@ -1,19 +1,9 @@
 """Score test of the numbers that a calibration holds: whether the poses contradict one of them.
 
 A number that is held at a wrong value hides in those that are free, as a payload in a compliance.
-At the minimum of a fit with residuals r, derivatives J and priors P, the columns A of a candidate,
-one number or a vector, say whether its gradient is more than noise, without a further fit:
-
-    B = A - J K,      K = H^-1 J'A,      H = J'J + P,      g_b = B_b' r_b of each pose b,
-    s = B'r - K'P (x - x_0),      V = sum_b g_b g_b' + K'P K,
-    T = s'V^-1 s,      d = -I^-1 s,      I = B'B + K'P K
-
-T is that of chi-square with the size of the candidate; it is stated as the z of one number with
-the same probability. d is the step of the candidate, with all free numbers. Poses are the blocks
-of V, since the errors of one may depend on each other.
-
-Source: C. R. Rao, Proc. Cambridge Philosophical Society 44, 1948 (score test); R. Davidson and
-J. MacKinnon, Estimation and Inference in Econometrics, 1993, ch. 11 (with robust covariances).
+At the minimum of a fit the columns of a candidate, one number or a vector, say whether its
+gradient is more than noise, without a further fit: `flexgen.identification.estimator.score`. Poses
+are the blocks, since the errors of one may depend on each other.
 """
 
 from __future__ import annotations
@@ -24,10 +14,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 
 from flexgen.base.display import plain
 from flexgen.base.errors import SolverError
+from flexgen.identification.estimator.problem import Linearization
+from flexgen.identification.estimator.score import ScoreTest
 from flexgen.identification.poses.fit import Minimum, Poses, fit
 from flexgen.identification.poses.frame_changes import find_frame_change
 from flexgen.identification.poses.parameters import GROUPS, Priors, Unknown, unknowns_of
@@ -36,9 +28,8 @@ from flexgen.identification.poses.tree import Tree
 
 # Probability that a right model has any candidate above the limit.
 FALSE_ALARMS = 0.01
-# Part of the information of a candidate that the free numbers leave, below which they do all that
-# it does.
-ABSORBED = 1e-9
+MOVED = "a frame of the measurement that moved"
+SCALE_OF_POSITIONS = "the scale of the measured positions"
 # Steps [unit] below which a place, a zero or a center of mass is a likely fault.
 LARGEST_STEP = {"m": 0.5, "rad": 0.5}
 # Least ratio of a scale, a mass or a compliance that is a likely fault.
@@ -74,7 +65,8 @@ class Suspect:
     ``name``; ``z``: its score in standard deviations, None of another direction of gravity, with
     which all numbers were fitted anew; ``held``, ``value`` (m,) [``unit``]: as it
     is, and as the poses would have it, to first order; ``share``: part of the squared errors that
-    it explains.
+    it explains, or, ``by_tolerances``, of what the tolerances of a data sheet leave;
+    ``same``: names of numbers that do the same to the poses.
     """
 
     name: str
@@ -83,18 +75,24 @@ class Suspect:
     value: tuple[float, ...]
     unit: str
     share: float
+    by_tolerances: bool = False
+    same: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
         """The fault in words."""
+        others = f" (or {', '.join(self.same)}, with the same effect)" if self.same else ""
         return (
             f"{self.name} of about {_shown(self.value)}{_space(self.unit)} instead of "
-            f"{_shown(self.held)}"
+            f"{_shown(self.held)}{others}"
         )
 
     def __str__(self) -> str:
         score = "" if self.z is None else f" (score of {self.z:.1f} standard deviations)"
-        return f"{self.words} explains {100 * self.share:.0f} % of the squared errors{score}"
+        left = (
+            "what tolerances of a data sheet leave" if self.by_tolerances else "the squared errors"
+        )
+        return f"{self.words} explains {100 * self.share:.0f} % of {left}{score}"
 
     def to_dict(self) -> dict[str, Any]:
         """The sentence and the figures, as JSON types."""
@@ -158,7 +156,7 @@ def _scales(statics: Statics, numbers: Numbers, rest: Rest) -> Iterator[Candidat
         measured[statics.touches.touched] = 0.0
     one = np.ones(1)
     if measured.any():
-        yield Candidate("the scale of the measured positions", one, "", measured[..., None])
+        yield Candidate(SCALE_OF_POSITIONS, one, "", measured[..., None])
     joints = [c for c in statics.model.coordinates if c.actuated]
     nodes = [
         Unknown(c.name, c.unit, "node", (statics.tree.index[c.name],), 0.0, 1.0) for c in joints
@@ -255,51 +253,44 @@ def frame_that_moved(problem: Poses, found: Minimum) -> Suspect | None:
     change = find_frame_change(residuals, FALSE_ALARMS)
     if change is None:
         return None
-    name = f"a frame of the measurement that moved: its shift from row {change.row} of the poses"
+    name = f"{MOVED}: its shift from row {change.row} of the poses"
     shift = tuple(change.shift.tolist())
     return Suspect(name, change.score, (0.0, 0.0, 0.0), shift, "m", change.share)
 
 
-def scores(problem: Poses, found: Minimum, taken: Sequence[str]) -> tuple[Suspect, ...]:
-    """All candidates with their scores, the largest first."""
+def test_of(problem: Poses, found: Minimum) -> tuple[ScoreTest, Linearization]:
+    """The score test at a minimum, with poses as blocks, and the problem there."""
     problem.near = found.rest.near
     here = problem.linearize(found.x)
     slope = here.slope + problem.prior.slope(found.x)
     moving = (found.x > problem.lower) | (slope < 0)  # the others are held by a bound
     root = np.sqrt(np.diag(problem.prior.information))  # of independent priors
-    J = np.vstack([here.rows, np.diag(root)])[:, moving]
-    r = np.concatenate([here.gaps, root * (found.x - problem.prior.center)])
-    Q = np.linalg.qr(J)[0]
-    poses = len(problem.measured)
-    rows = len(here.gaps)
-    count = 3 * int(problem.valid.sum())
-    degrees = max(count - float(np.sum(Q[:rows] ** 2)), 1.0)
-    # residuals of a fit are smaller than the errors
-    larger = np.sqrt(count / degrees)
+    rows = len(here.gaps) // len(problem.measured)
+    test = ScoreTest(
+        np.where(moving, here.rows, 0.0),
+        here.gaps,
+        root,
+        found.x - problem.prior.center,
+        np.arange(0, len(here.gaps), rows),
+        3 * int(problem.valid.sum()),
+    )
+    return test, here
+
+
+def scores(problem: Poses, found: Minimum, taken: Sequence[str]) -> tuple[Suspect, ...]:
+    """All candidates with their scores, the largest first."""
+    test, here = test_of(problem, found)
     misfit = float(here.gaps @ here.gaps)
     numbers = problem.numbers(found.x)
     out = []
     for one in candidates_of(problem.statics, numbers, found.rest, taken):
-        A = here.roots[:, None] * problem.whiten_columns(one.columns)
-        away = np.vstack([A, np.zeros((len(root), A.shape[1]))])
-        away = away - Q @ (Q.T @ away)
-        away = away - Q @ (Q.T @ away)  # rounding of the first projection
-        widths, axes = np.linalg.eigh(away.T @ away)
-        seen = widths > ABSORBED * max(float((A**2).sum(axis=0).max()), 1e-300)
-        if not seen.any():
+        score = test.of(here.roots[:, None] * problem.whiten_columns(one.columns))
+        if score is None:
             continue
-        axes = axes[:, seen]
-        away = away @ axes
-        g = larger * (away[:rows] * here.gaps[:, None]).reshape(poses, -1, len(axes.T)).sum(axis=1)
-        V = g.T @ g + away[rows:].T @ away[rows:]
-        s = away.T @ r
-        z = float(norm.isf(chi2.sf(float(s @ np.linalg.solve(V, s)), len(s)) / 2))
-        gain = float(s @ (s / widths[seen]))
-        share = min(gain / max(misfit, 1e-300), 1.0)
-        value = one.value - axes @ (s / widths[seen])
-        out.append(
-            Suspect(one.name, z, tuple(one.value.tolist()), tuple(value.tolist()), one.unit, share)
-        )
+        share = min(score.gain / max(misfit, 1e-300), 1.0)
+        held = tuple(one.value.tolist())
+        value = tuple((one.value + score.step).tolist())
+        out.append(Suspect(one.name, score.z, held, value, one.unit, share))
     return tuple(sorted(out, key=lambda one: -(one.z or 0.0)))
 
 
