@@ -4,6 +4,7 @@ multipliers.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -11,9 +12,11 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.codegen.recursion.functions import fast_function
+from flexgen.codegen.recursion import arm
+from flexgen.codegen.recursion.functions import fast_function, recursive_function
+from flexgen.codegen.recursion.rods import with_rods_as_bodies
 from flexgen.dynamics.mechanics import closed_loops, kinematics
-from flexgen.model.format.closure import closed_values, closure, home_closure
+from flexgen.model.format.closure import closed_values, closure, home_closure, passive_joints
 from flexgen.model.inertia import mass_matrix
 from tests.support.linkages import FOUR_BAR, drawn_text, home_of, read_text
 from tests.support.multipliers import Multipliers
@@ -132,3 +135,75 @@ def test_numeric_mass_matrix_has_loops(tmp_path: Path) -> None:
     q = home_of(model) + np.array([0.1, -0.1, 1e-3])
     expected = np.array(flexgen.derive(model).function("mass_matrix")(q))
     assert np.abs(mass_matrix(model, q) - expected).max() < 1e-10 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_derivatives_pass_the_iteration(tmp_path: Path, order: int) -> None:
+    """Passive joints of a spatial loop along a line: derivatives of the graph, of which the last
+    three steps carry all, against a polynomial through positions from numbers.
+    """
+    model = read_text(tmp_path, drawn_text(np.random.default_rng(4), True))
+    t = ca.SX.sym("t")
+    start = home_of(model) + 0.1
+    way = np.array([0.7, 0.3, 1.0, 0.1])
+    joints = closed_loops.closed_joints(model, ca.SX(ca.DM(start)) + t * ca.DM(way))
+    passive = [dof.name for dof in passive_joints(model)]
+    x = ca.vertcat(*[joints[name] for name in passive])
+    for _ in range(order):
+        x = ca.jacobian(x, t)
+    found = np.array(ca.Function("at", [t], [x])(0.0)).ravel()
+    nodes = 0.3 * np.cos(np.pi * np.arange(25) / 24)
+    values = [closed_values(model, start + s * way) for s in nodes]
+    for name, derivative in zip(passive, found, strict=True):
+        series = np.polynomial.Chebyshev.fit(nodes, [row[name] for row in values], 24)
+        expected = float(series.deriv(order)(0.0))
+        assert abs(derivative - expected) < 1e-13 * 100.0**order
+
+
+def palletizer_differences(model: flexgen.RobotModel) -> float:
+    """Largest relative difference of the recursion of a palletizer from its Lagrangian."""
+    equations = flexgen.derive(model)
+    rng = np.random.default_rng(1)
+    worst = 0.0
+    for name in ("output_constraint", "inversion_rows", "inversion_jacobians"):
+        slow = equations.function(name)
+        fast = recursive_function(equations, name)
+        assert fast is not None
+        given = [rng.uniform(-0.1, 0.1, slow.numel_in(k)) for k in range(slow.n_in())]
+        given[0] = given[0] * 0.05 + home_of(model)
+        for a, b in zip(slow.call(given), fast.call(given), strict=True):
+            scale = np.abs(np.array(a)).max()
+            worst = max(worst, float(np.abs(np.array(a - b)).max() / scale))
+    return worst
+
+
+def test_recursion_of_a_palletizer_is_that_of_the_lagrangian() -> None:
+    """Planar loops with heavy rods, and the angle of the tool."""
+    model = flexgen.read("palletizer")
+    assert palletizer_differences(model) < 1e-11
+    assert fast_function(flexgen.derive(model), "inversion_rows") is not None
+
+
+def test_a_lost_middle_of_a_rod_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the rods' particles at the middle."""
+
+    def lighter(model: flexgen.RobotModel) -> flexgen.RobotModel:
+        made = with_rods_as_bodies(model)
+        elements = [
+            replace(e, body=replace(e.body, mass=e.body.mass / 2)) if "_middle" in e.name else e
+            for e in made.elements
+        ]
+        return replace(made, elements=tuple(elements))
+
+    monkeypatch.setattr(arm, "with_rods_as_bodies", lighter)
+    assert palletizer_differences(flexgen.read("palletizer")) > 1e-5
+
+
+def test_rods_without_a_loop_stay_lines() -> None:
+    """No other robot has other bodies."""
+    robot = flexgen.read("palletizer")
+    alone = replace(robot, loops=robot.loops[1:])
+    names = [line.name for line in with_rods_as_bodies(alone).lines if line.mass]
+    assert names == ["drive_mass"]
+    arm_model = flexgen.read("kr300_balancer")
+    assert with_rods_as_bodies(arm_model) is arm_model

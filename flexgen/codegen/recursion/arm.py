@@ -26,10 +26,11 @@ from flexgen.codegen.recursion.dh_chain import (
 )
 from flexgen.codegen.recursion.joints import ClosedJoints, Joints, closed_joints_of
 from flexgen.codegen.recursion.regrouping import Plan, plans
+from flexgen.codegen.recursion.rods import with_rods_as_bodies
 from flexgen.codegen.recursion.tape import Scalar, Tape
 from flexgen.dynamics.mechanics.dynamics import symbols_of
 from flexgen.dynamics.mechanics.equations import Equations
-from flexgen.model.elements import Body, RobotModel
+from flexgen.model.elements import Body, Dof, RobotModel
 
 # coordinates; the recursion for derivatives is shorter than differentiated code beyond
 AD_UP_TO = 10
@@ -80,7 +81,12 @@ class Arm:
     @cached_property
     def closed(self) -> ClosedJoints | None:
         """Joints of a robot with closed loops as functions of its coordinates; None without."""
-        return closed_joints_of(self.equations) if self.model.loops else None
+        return closed_joints_of(self.model, self.tree) if self.model.loops else None
+
+    @cached_property
+    def tree(self) -> RobotModel:
+        """The bodies that recursions run over, with those of rods in closed loops."""
+        return with_rods_as_bodies(self.model)
 
     def joints(
         self,
@@ -194,7 +200,7 @@ class Arm:
         Results of one ``kind`` take the plan and the route of the first of them.
         """
         found: tuple[int, Tape, list[Scalar], tuple[int, int]] | None = None
-        known = plans(replace(self.model, payload=Body()) if self.loaded else self.model)
+        known = plans(replace(self.tree, payload=Body()) if self.loaded else self.tree)
         pairs = [(i, k) for i in range(len(known) if several else 1) for k in range(len(routes))]
         for i, k in [self.choices[kind]] if kind in self.choices else pairs:
             tape = Tape()
@@ -215,8 +221,7 @@ class Arm:
         inputs = self.symbols("q_a", "v_a", "a_a")
         n = self.model.n_a
         if self.closed is not None:
-            tau = self.torque_graph
-            return [ca.densify(ca.jacobian(tau, x)) for x in inputs]
+            return self.closed_changes(range(n))[1:]
 
         def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
             q, v, a = vectors(tape, *inputs)
@@ -259,16 +264,48 @@ class Arm:
         flat = self.shortest(routes)
         return [matrix_of(flat[k * n * n : (k + 1) * n * n], n) for k in range(3)]
 
-    @cached_property
-    def torque_graph(self) -> ca.SX:
-        """Inverse dynamics (n_a) of the arm as a graph in its symbols."""
+    def closed_changes(self, rows: Sequence[int]) -> list[ca.SX]:
+        """Some ``rows`` (m) of inverse dynamics of a robot with closed loops, and their
+        derivatives in coordinates, speeds and accelerations (m, n_a).
+
+            tau = N' tau_j,    dtau/da = N' M_j N,    dtau/dv = N' (dtau_j/dv_j N + 2 M_j S)
+            dtau/dq = N' (dtau_j/dq_j N + dtau_j/dv_j S + M_j A) + d(N' tau_j)/dq
+        """
+        assert self.closed is not None
         inputs = self.symbols("q_a", "v_a", "a_a")
 
         def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
             q, v, a = vectors(tape, *inputs)
-            return self.torques(tape, chain, q, v, a, columns)
+            at = self.joints(tape, q, v, a)
+            tau = newton_euler.inverse_dynamics(tape, chain, at.q, at.v, at.a, columns)
+            found = derivatives.derivatives(tape, chain, at.q, at.v, at.a, columns)
+            return [*tau, *(x for A in found for row in A for x in row)]
 
-        return ca.vertcat(*self.shortest([route], several=False))
+        flat = self.shortest([route], several=False)
+        n_j = len(self.tree_joints)
+        tau = ca.vertcat(*flat[:n_j])
+        by_q, by_v, M = (
+            ca.sparsify(matrix_of(flat[n_j + k * n_j * n_j : n_j + (k + 1) * n_j * n_j], n_j))
+            for k in range(3)
+        )
+        by = self.closed.changes(*inputs)
+        kept = list(rows)
+        left = by.N[:, kept].T
+        moved = ca.mtimes(by_q, by.N) + ca.mtimes(by_v, by.S) + ca.mtimes(M, by.A)
+        sped = ca.mtimes(by_v, by.N) + 2 * ca.mtimes(M, by.S)
+        turned = self.closed.turned(inputs[0], tau)[kept, :]
+        found = [
+            ca.mtimes(left, tau),
+            ca.mtimes(left, moved) + turned,
+            ca.mtimes(left, sped),
+            ca.mtimes(left, ca.mtimes(M, by.N)),
+        ]
+        return [ca.densify(x) for x in found]
+
+    @property
+    def tree_joints(self) -> tuple[Dof, ...]:
+        """The joints of the `tree`, in the order of its chain."""
+        return tuple(dof for element in self.tree.elements for dof in element.dofs)
 
     @property
     def armature(self) -> np.ndarray:

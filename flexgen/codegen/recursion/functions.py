@@ -87,14 +87,11 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
         name in inversion_functions.BUILDERS and obstacle(model, "reduced problem") is not None
     )
     inertias = any(parameter.inertia for parameter in equations.parameters)
-    if (
-        base not in RECURSIVE_BUILDERS
-        or carried
-        or inertias
-        or obstacle(model, "recursion") is not None
-    ):
+    if base not in RECURSIVE_BUILDERS or carried or inertias:
         return None
     arm = arm_of(equations)
+    if obstacle(arm.tree, "recursion") is not None:
+        return None
     if name not in arm.functions:
         try:
             built = _product(arm, base, product) if product else RECURSIVE_BUILDERS[name](arm)
@@ -355,7 +352,7 @@ def _forward_kinematics(arm: Arm) -> Built:
     inputs = arm.symbols("q_a")
     tape = Tape()
     p, R = kinematics.tool_pose(
-        tape, make_chain(arm.model, to_mass=False), arm.joints(tape, tape.vector(inputs[0])).q
+        tape, make_chain(arm.tree, to_mass=False), arm.joints(tape, tape.vector(inputs[0])).q
     )
     flat = tape.build([*p, *(x for row in R for x in row)])
     return inputs, ["q_a"], [ca.vertcat(*flat[:3]), matrix_of(flat[3:], 3)], ["p", "R"]
@@ -367,7 +364,7 @@ def _jacobian(arm: Arm) -> Built:
     """
     inputs = arm.symbols("q_a")
     tape = Tape()
-    J = arm.jacobian(tape, make_chain(arm.model, to_mass=False), tape.vector(inputs[0]))
+    J = arm.jacobian(tape, make_chain(arm.tree, to_mass=False), tape.vector(inputs[0]))
     return (
         inputs,
         ["q_a"],
@@ -384,7 +381,7 @@ def _tool_motion(arm: Arm) -> Built:
     tape = Tape()
     inputs = arm.symbols(*names)
     at = arm.joints(tape, *vectors(tape, *inputs))
-    moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), at.q, at.v, at.a)
+    moving = kinematics.rates(tape, make_chain(arm.tree, to_mass=False), at.q, at.v, at.a)
     still: Scalar = 0.0
     v_tool = [still] * 6
     a_tool = list(moving.bias)

@@ -11,6 +11,7 @@ velocities are not derivatives of coordinates, which adds a term:
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -27,7 +28,7 @@ from flexgen.dynamics.mechanics.inversion_functions import (
 )
 from flexgen.dynamics.mechanics.outputs import pose_error
 from flexgen.dynamics.mechanics.system import Built
-from flexgen.dynamics.mechanics.tool_angle import tool_angle
+from flexgen.dynamics.mechanics.tool_angle import ToolAngle, plane_axes, tool_angle
 
 
 def _output_constraint(arm: Arm) -> Built:
@@ -43,7 +44,7 @@ def _output_constraint(arm: Arm) -> Built:
         return definition.output_constraint(equations)
     q_a, v_a = arm.symbols("q_a", "v_a")
     tape = Tape()
-    chain = make_chain(arm.model, to_mass=False)
+    chain = make_chain(arm.tree, to_mass=False)
     q = tape.vector(q_a)
     v = tape.vector(v_a)
     at = arm.joints(tape, q, v)
@@ -73,11 +74,10 @@ def _output_constraint(arm: Arm) -> Built:
         bias_rows = ca.vertcat(bias_rows[:3], still, bias_rows[3:])
         return constraint_ports(equations, target, pose_error(place, turn, target), W, bias_rows)
     if output.has_angle:
-        angle = tool_angle(equations)
-        rate = _angle_rate(arm)
+        angle = _angle(arm)
         error = ca.vertcat(place[kept], angle.value) - target[: output.tool_size]
         W = ca.vertcat(W, angle.rate)
-        bias_rows = ca.vertcat(bias_rows, ca.jtimes(rate, q_a, v_a))
+        bias_rows = ca.vertcat(bias_rows, angle.bias)
     else:
         error = place[kept] - target[: len(kept)]
     if output.weights:
@@ -87,9 +87,86 @@ def _output_constraint(arm: Arm) -> Built:
     return constraint_ports(equations, target, error, W, bias_rows)
 
 
-def _angle_rate(arm: Arm) -> ca.SX:
-    """Rate of the angle of the tool about one axis."""
-    return ca.mtimes(tool_angle(arm.equations).rate, arm.symbols("v_a")[0])
+@dataclass(frozen=True)
+class _Angle:
+    """The angle of the tool about one axis: its ``value``, the row ``rate`` (1, n_a) with which it
+    moves, and ``bias``, its acceleration at constant speeds.
+
+    ``changes``: derivatives (1, n_a) of the rate in coordinates, and of the acceleration in
+    coordinates and speeds.
+    """
+
+    value: ca.SX
+    rate: ca.SX
+    bias: ca.SX
+    changes: tuple[ca.SX, ca.SX, ca.SX]
+
+
+def _angle(arm: Arm) -> _Angle:
+    """The angle from the graphs of the Lagrangian; of robots with closed loops from the rotation
+    of the tool in the joints.
+    """
+    q_a, v_a, a_a = arm.symbols("q_a", "v_a", "a_a")
+    known = tool_angle(arm.equations)
+    if arm.closed is not None and not known.is_sum:
+        return _angle_of_joints(arm, known)
+    rate = ca.mtimes(known.rate, v_a)
+    second = ca.jtimes(rate, ca.vertcat(q_a, v_a), ca.vertcat(v_a, a_a))
+    bias = ca.jtimes(rate, q_a, v_a)
+    changes = (
+        ca.jacobian(rate, q_a),
+        ca.jacobian(second, q_a),
+        ca.jacobian(second, v_a),
+    )
+    return _Angle(known.value, known.rate, bias, changes)
+
+
+def _angle_of_joints(arm: Arm, known: ToolAngle) -> _Angle:
+    """The angle as a function of the joints, which are functions of the coordinates."""
+    assert arm.closed is not None
+    given = arm.symbols("q_a", "v_a", "a_a")
+    output = arm.model.output
+    n = len(arm.tree_joints)
+    q, v, a = (ca.SX.sym(name, n) for name in "qva")
+    tape = Tape()
+    _, turn = kinematics.tool_pose(tape, make_chain(arm.tree, to_mass=False), tape.vector(q))
+    R = matrix_of(tape.build([x for row in turn for x in row]), 3)
+    u = R[:, "xyz".index(output.reference)]
+    c, s = (ca.dot(ca.DM(axis), u) for axis in plane_axes(output))
+    row = ca.jacobian(ca.atan2(s, c), q)
+    rate = ca.mtimes(row, v)
+    second = ca.jtimes(rate, ca.vertcat(q, v), ca.vertcat(v, a))
+    by_q, again, by_v = (ca.jacobian(x, y) for x, y in ((rate, q), (second, q), (second, v)))
+    at = ca.Function("angle", [q, v, a], [c, s, row, second, by_q, again, by_v])
+    still = ca.SX.zeros(arm.model.n_a)
+    *motion, _ = arm.closed.motion.call([given[0], given[1], still])
+    bias = at.call(motion)[3]
+    *motion, _ = arm.closed.motion.call(given)
+    c, s, row, _, by_q, again, by_v = at.call(motion)
+    changes = _in_coordinates(arm, row, by_q, again, by_v)
+    linear = ca.dot(ca.DM(known.weights), given[0]) + known.offset
+    cosine = ca.cos(linear)
+    sine = ca.sin(linear)
+    value = linear + ca.atan2(s * cosine - c * sine, c * cosine + s * sine)
+    return _Angle(value, ca.mtimes(row, arm.closed.changes(*given).N), bias, changes)
+
+
+def _in_coordinates(
+    arm: Arm, J: ca.SX, by_q: ca.SX, again: ca.SX, by_v: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Derivatives of a rate ``J v_j`` in coordinates, and of the acceleration in coordinates and
+    speeds, of robots with closed loops.
+
+    ``by_q``, ``again``, ``by_v`` (m, n_j): these derivatives in the joints and their speeds.
+    """
+    assert arm.closed is not None
+    by = arm.closed.changes(*arm.symbols("q_a", "v_a", "a_a"))
+    J, by_q, again, by_v = (ca.sparsify(x) for x in (J, by_q, again, by_v))
+    return (
+        ca.densify(ca.mtimes(by_q, by.N) + ca.mtimes(J, by.S)),
+        ca.densify(ca.mtimes(again, by.N) + ca.mtimes(by_v, by.S) + ca.mtimes(J, by.A)),
+        ca.densify(ca.mtimes(by_v, by.N) + 2 * ca.mtimes(J, by.S)),
+    )
 
 
 def _rate_rows(arm: Arm) -> list[int]:
@@ -119,11 +196,9 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
     """Derivatives of ``W v`` in q, and of ``W a + W' v`` in q and v, (n_y, n_a) each."""
     if arm.model.output.type == "combination":
         return [ca.SX.zeros(arm.model.output.size, arm.model.n_a) for _ in range(3)]
-    if arm.closed is not None:
-        return _closed_output_jacobians(arm)
     tape = Tape()
     at = arm.joints(tape, *(tape.vector(x) for x in arm.symbols("q_a", "v_a", "a_a")))
-    moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), at.q, at.v, at.a)
+    moving = kinematics.rates(tape, make_chain(arm.tree, to_mass=False), at.q, at.v, at.a)
     still: Vector3 = [0.0] * 3
     found: list[list[list[Scalar]]] = [[], [], []]  # columns
     for J, first, second in moving.columns:
@@ -140,36 +215,24 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
         found[2].append([2.0 * x - y for x, y in zip(first, turned, strict=True)])
     kept = _rate_rows(arm)
     n = arm.model.n_a
-    flat = tape.build(
-        [column[i] for columns in found for i in kept for column in at.gather(columns)]
-    )
-    size = len(kept) * n
-    rows = [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
+    if arm.closed is not None:
+        found.append([J for J, _, _ in moving.columns])
+        flat = tape.build([column[i] for columns in found for i in kept for column in columns])
+        size = len(kept) * len(at.q)
+        parts = [matrix_of(flat[k * size : (k + 1) * size], len(at.q)) for k in range(4)]
+        rows = list(_in_coordinates(arm, parts[3], *parts[:3]))
+    else:
+        flat = tape.build(
+            [column[i] for columns in found for i in kept for column in at.gather(columns)]
+        )
+        size = len(kept) * n
+        rows = [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
     output = arm.model.output
     if output.has_angle:
-        rows = [ca.vertcat(*pair) for pair in zip(rows, _angle_jacobians(arm), strict=True)]
+        rows = [ca.vertcat(*pair) for pair in zip(rows, _angle(arm).changes, strict=True)]
     before = output.tool_size
     none = ca.SX.zeros(len(output.weights), n)
     return [ca.vertcat(x[:before, :], none, x[before:, :]) for x in rows]
-
-
-def _closed_output_jacobians(arm: Arm) -> list[ca.SX]:
-    """The derivatives of `_output_jacobians` by differentiation: where closed loops move joints,
-    the joints' own derivatives depend on the coordinates.
-    """
-    q_a, v_a, a_a = arm.symbols("q_a", "v_a", "a_a")
-    _, _, (_, W, bias), _ = _output_constraint(arm)
-    rate = ca.mtimes(W, v_a)
-    second = ca.mtimes(W, a_a) + bias
-    return [ca.jacobian(rate, q_a), ca.jacobian(second, q_a), ca.jacobian(second, v_a)]
-
-
-def _angle_jacobians(arm: Arm) -> list[ca.SX]:
-    """The derivatives of `_output_jacobians` of the angle about one axis, (1, n_a) each."""
-    q_a, v_a, a_a = arm.symbols("q_a", "v_a", "a_a")
-    rate = _angle_rate(arm)
-    second = ca.jtimes(rate, ca.vertcat(q_a, v_a), ca.vertcat(v_a, a_a))
-    return [ca.jacobian(rate, q_a), ca.jacobian(second, q_a), ca.jacobian(second, v_a)]
 
 
 def _row_jacobians(arm: Arm) -> list[ca.SX]:
@@ -182,8 +245,7 @@ def _row_jacobians(arm: Arm) -> list[ca.SX]:
     if not e:
         return []
     if arm.closed is not None:
-        rows = arm.torque_graph[list(e)]
-        return [rows, *(ca.densify(ca.jacobian(rows, x)) for x in inputs)]
+        return arm.closed_changes(e)
 
     def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         q, v, a = (tape.vector(x) for x in inputs)

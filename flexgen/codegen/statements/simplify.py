@@ -1,5 +1,5 @@
-"""Graphs made shorter: shared reciprocals, angles that are sums, sums in the order in which their
-terms become known.
+"""Graphs made shorter: angles without arc tangents, shared reciprocals, angles that are sums, sums
+in the order in which their terms become known.
 
 None of this changes a result by more than rounding.
 """
@@ -9,18 +9,20 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 
+from flexgen.codegen.statements.arc_tangents import replace_arc_tangents
 from flexgen.codegen.statements.graph import Graph, Reference, copy_node
 
 
 def simplify_graph(graph: Graph) -> Graph:
     """The graph after all of this.
 
-    Divisions by the same value become one reciprocal. Sine and cosine of a sum of angles follow
+    Sines and cosines of arc tangents become ratios. Divisions by the same value become one
+    reciprocal. Sine and cosine of a sum of angles follow
     from those of the angles, where these are needed anyway. Sums and products of many terms are
     built so that operands that are known early are combined first, which shortens the longest
     chain of operations: the time of a single call.
     """
-    return _balance_sums(_reciprocals(_angle_sums(graph)))
+    return _balance_sums(_reciprocals(_angle_sums(replace_arc_tangents(graph))))
 
 
 def _reciprocals(graph: Graph) -> Graph:

@@ -274,6 +274,7 @@ RULES: dict[int, Rule] = {
     ca.OP_ASINH: _inverse_hyperbolic_sine,
     ca.OP_FABS: lambda a, b: np.where(a[:, :1] < 0, -1.0, 1.0) * a,
     ca.OP_SIGN: _steady(lambda a, b: np.sign(a)),
+    ca.OP_FLOOR: _steady(lambda a, b: np.floor(a)),
     ca.OP_LT: _steady(lambda a, b: a < b),
     ca.OP_LE: _steady(lambda a, b: a <= b),
     ca.OP_EQ: _steady(lambda a, b: a == b),

@@ -25,6 +25,7 @@ from functools import reduce
 import casadi as ca
 import numpy as np
 
+from flexgen.dynamics.mechanics.square_systems import solve_square
 from flexgen.model.elements import Dof, Loop, Placement, RobotModel
 from flexgen.model.format.closure import (
     Step,
@@ -42,6 +43,10 @@ ALIGNED = 1e-12
 # the end: it doubles its digits from the 2 or 3 that the last of these positions leaves.
 STAGES = 4
 LAST_STEPS = 4
+# Before the last three steps the joints are rounded to multiples of this, in rad or m: a constant
+# for derivatives, which these steps alone then carry. Each step doubles the order of derivatives
+# that it has right, so those up to the seventh are.
+GRAIN = 2.0**-30
 
 Joints = dict[str, ca.SX]
 Plane = tuple[ca.SX, ca.SX]  # a vector in a plane
@@ -268,21 +273,31 @@ def _by_newton(
     given = ca.SX.sym("given", len(order))
     values = dict(zip(order, ca.vertsplit(given), strict=True))
     values |= dict(zip(unknown, ca.vertsplit(x), strict=True))
-    error = ca.vertcat(*[_error(model, loop, values) for loop in loops])
-    rows = _independent(model, loops, unknown, home)
-    error = ca.mtimes(ca.SX(ca.DM(rows)), error)
+    error = independent_errors(model, loops, unknown, values)
     step = ca.Function("step", [given, x], [error, ca.jacobian(error, x)])
     start = np.array([home[name] for name in order])
     now = ca.SX(ca.DM([home[name] for name in unknown]))
-    pivots = _pivots(np.array(step(start, [home[name] for name in unknown])[1]))
     target = ca.vertcat(*[known[name] for name in order])
     way = target - start
     for k in range(1, STAGES + LAST_STEPS):
         part = min(1.0, k / STAGES)
         here = target if part == 1.0 else start + part * way
         e, A = step(here, now)
-        now = now - solve_regular(ca.densify(A), e, pivots)
+        now = now - solve_square(A, e)
+        if k == STAGES:
+            now = ca.floor(now / GRAIN + 0.5) * GRAIN
     return dict(zip(unknown, ca.vertsplit(now), strict=True))
+
+
+def independent_errors(
+    model: RobotModel, loops: Sequence[Loop], unknown: Sequence[str], values: Joints
+) -> ca.SX:
+    """As many errors (n,) of some loops as they have ``unknown`` joints, zero where they are
+    closed; ``values``: of all coordinates and passive joints.
+    """
+    error = ca.vertcat(*[_error(model, loop, values) for loop in loops])
+    rows = ca.sparsify(ca.DM(_independent(model, loops, unknown, home_closure(model))))
+    return ca.densify(ca.mtimes(ca.SX(rows), error))
 
 
 def _inside(model: RobotModel, loops: Sequence[Loop]) -> list[str]:
@@ -344,43 +359,3 @@ def _independent(
         return rows
     left: np.ndarray = np.linalg.svd(A)[0][:, : len(unknown)].T
     return left
-
-
-def _pivots(A: np.ndarray) -> list[int]:
-    """Rows of a matrix in an order in which it has regular pivots."""
-    rest = list(range(len(A)))
-    work = A.copy()
-    order = []
-    for k in range(len(A)):
-        best = max(rest, key=lambda i: abs(work[i, k]))
-        for i in rest:
-            if i != best:
-                work[i] -= work[best] * (work[i, k] / work[best, k])
-        order.append(best)
-        rest.remove(best)
-    return order
-
-
-def solve_regular(A: ca.SX, b: ca.SX, order: Sequence[int]) -> ca.SX:
-    """Solution of ``A x = b`` (n) by elimination with rows in a given order; zeros of the
-    structure make no operations.
-    """
-    n = A.shape[0]
-    rows = [[A[i, k] for k in range(n)] + [b[i]] for i in order]
-    for k in range(n):
-        inverse = 1 / rows[k][k]
-        for i in range(k + 1, n):
-            if not rows[i][k].is_zero():
-                factor = rows[i][k] * inverse
-                rows[i] = [
-                    x if y.is_zero() else x - factor * y
-                    for x, y in zip(rows[i], rows[k], strict=True)
-                ]
-    x: list[ca.SX] = [ca.SX(0)] * n
-    for k in reversed(range(n)):
-        total = rows[k][n]
-        for i in range(k + 1, n):
-            if not rows[k][i].is_zero():
-                total = total - rows[k][i] * x[i]
-        x[k] = total / rows[k][k]
-    return ca.vertcat(*x)
