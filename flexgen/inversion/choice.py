@@ -112,7 +112,7 @@ def check_applies(
             f"limits: method {method.name!r} tracks the path exactly and cannot keep limits, "
             f"expected one of {able}"
         )
-    reason = None if method.any_coupling else obstacle(robot, "simplified coupling")
+    reason = None if method.any_coupling else obstacle(robot, "reduced problem")
     if reason is not None:
         able = ", ".join(m.name for m in methods().values() if m.any_coupling)
         raise ArgumentError(f"method {method.name}: {reason}, or one of the methods {able}")

@@ -30,6 +30,7 @@ from flexgen.model.friction import (
     hysteretic_joints,
     loaded_motors,
 )
+from flexgen.model.inertia import rotor_stages, turning_coordinates
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -78,6 +79,8 @@ PARTS = {
     "friction of speeds": "`motor_friction` of an emitted library",
     "friction of loads": "`loaded_friction` of an emitted library",
     "harmonics in C": "`motor_harmonics` of an emitted library",
+    "inner zeros": "zeros from the reduced problem; else from the whole linear system",
+    "rotors in C": "`rotor_coupling` of an emitted library",
     "inversion in C": "`invert` and streams of an emitted library",
     "inversion Jacobians": "`inversion_jacobians` of an emitted library",
     "elastic joints": "feedback linearization, `TomeiPD`, `JointTorqueFeedback`, `feedback_study`",
@@ -230,6 +233,33 @@ def _find_coupling(robot: RobotModel) -> str:
     if robot.motor_coupling == "simplified":
         return ""
     return f"model {robot.name} has motor_coupling {robot.motor_coupling!r}"
+
+
+def _find_springs_that_turn(robot: RobotModel) -> str:
+    """A coordinate without motor that turns a motor, in complete motor coupling."""
+    for motor, turning in zip(robot.motors, turning_coordinates(robot), strict=True):
+        found = [robot.coordinates[i].name for i in robot.i_e if i in turning]
+        if found:
+            return f"model {robot.name}: {found[0]}, which has no motor, turns motor {motor.name}"
+    return ""
+
+
+def _find_circle(robot: RobotModel) -> str:
+    """Why the torques of the gears do not follow from each other in complete motor coupling."""
+    if robot.motor_coupling == "simplified":
+        return ""
+    stages = zip(robot.i_g, rotor_stages(robot), strict=True)
+    circle = [robot.coordinates[i].name for i, stage in stages if stage < 0]
+    if circle:
+        return f"model {robot.name}: joint {circle[0]} turns a motor whose torque it needs"
+    if not (hysteretic_joints(robot) or harmonic_sums(robot)):
+        return ""
+    return f"model {robot.name} has motor_coupling 'complete' with hysteresis or harmonics"
+
+
+def _miss_coupling(robot: RobotModel) -> str:
+    lacking = f"model {robot.name} has no complete motor coupling"
+    return "" if robot.motor_coupling == "complete" else lacking
 
 
 def _find_elastic(robot: RobotModel) -> str:
@@ -440,20 +470,42 @@ FEATURES: tuple[Feature, ...] = (
         "'simplified'",
         'set motor_coupling = "simplified"',
         refused={
-            "learn": "its feedforward is the inverse dynamics reduced to the output",
-            "fastest": "its search needs the inverse dynamics reduced to the output",
+            "learn": "its model of the errors has rotors that only their gears turn",
+            "fastest": "its limits are those of rotors that only their gears turn",
             "feedback_study": "feedback linearization needs rotors that only their gears turn",
             "compare_record": "rotors that turn with the bodies add to the torques of the joints",
             "CollisionDetector": "its residual is that of the simplified equations",
         },
         parts={
-            "reduced problem": "expected 'simplified'",
             "simplified coupling": "expected 'simplified'",
             "elastic joints": "expected 'simplified'",
             "batches of moves": "expected 'simplified'",
-            "differentiated equations": "expected 'simplified'",
             "computed torque": "expected 'simplified'",
         },
+    ),
+    Feature(
+        "complete coupling behind springs",
+        "Complete coupling, where a coordinate without motor turns a motor: the rows of such "
+        "coordinates have rotors that move as behind rigid gears.",
+        _find_springs_that_turn,
+        parts={"inner zeros": ""},
+    ),
+    Feature(
+        "complete coupling in a circle",
+        "Complete coupling, where a joint turns a motor whose torque depends on that of the "
+        "joint, or with hysteresis or harmonics.",
+        _find_circle,
+        parts={
+            "reduced problem": "expected motors that joints before their own turn",
+            "rotors in C": "",
+            "differentiated equations": "expected motors that joints before their own turn",
+        },
+    ),
+    Feature(
+        "no complete coupling",
+        'Rotors turn with their gears alone: `motor_coupling = "simplified"`.',
+        _miss_coupling,
+        parts={"rotors in C": ""},
     ),
     Feature(
         "elastic coordinates",

@@ -1,4 +1,6 @@
-"""Numeric inertia matrix of an arm, used to find coordinates without inertia."""
+"""Numeric inertia matrix of an arm, used to find coordinates without inertia; coordinates that
+turn the rotors of complete motor coupling.
+"""
 
 from __future__ import annotations
 
@@ -124,3 +126,52 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
     rigid = [j for j in range(model.n_m) if j not in model.i_m]
     rotors = np.array([model.motors[j].inertia for j in rigid])
     return M + (eta[rigid].T * rotors) @ eta[rigid]
+
+
+def turning_coordinates(model: RobotModel) -> tuple[frozenset[int], ...]:
+    """Indices in q_a of the coordinates that may turn the carrier of each motor; none in
+    simplified motor coupling, and where the base carries the motor.
+
+    Found from the structure alone: a coordinate whose axis is across that of the rotor is among
+    them. Modes of a beam turn the element that it ends; a joint that closed loops move may follow
+    each coordinate.
+    """
+    if model.motor_coupling == "simplified":
+        return (frozenset(),) * model.n_m
+    index = {coordinate.name: k for k, coordinate in enumerate(model.coordinates)}
+    turning: dict[str, frozenset[int]] = {"base": frozenset()}
+    for element in model.elements:
+        own = {
+            index[coordinate.name]
+            for coordinate in model.coordinates
+            if coordinate.dof is None and coordinate.element == element.name
+        }
+        for dof in element.dofs:
+            if dof.passive is not None:
+                own |= set(range(model.n_a))
+            elif dof.type == "rotation":
+                own |= {index[name] for name, _ in dof.mimic} if dof.mimic else {index[dof.name]}
+        turning[element.name] = turning[model.parents[element.name]] | own
+    return tuple(turning[motor.carrier or "base"] for motor in model.motors)
+
+
+def rotor_stages(model: RobotModel) -> tuple[int, ...]:
+    """Stages (n_g) in which the torques of the gears follow from each other in complete motor
+    coupling: 0 where no other rotor is known before, 1 where the rotors that the coordinate turns
+    need gears of stage 0 only, and so on; -1 where a rotor turns with the joint that it drives.
+    """
+    turning = turning_coordinates(model)
+    driven = [frozenset(np.flatnonzero(row).tolist()) for row in model.eta]
+    before = [
+        frozenset().union(*(driven[j] for j in range(model.n_m) if i in turning[j]))
+        for i in model.i_g
+    ]
+    carries = [any(i in turns for turns in turning) for i in model.i_g]
+    stages = [0] * model.n_g
+    for _ in range(model.n_g + 1):
+        stages = [
+            max((1 + stages[k] for k in gears), default=0) if carries[i] else 0
+            for i, gears in enumerate(before)
+        ]
+    # without a circle no gear has more gears before it than there are others
+    return tuple(stage if stage < model.n_g else -1 for stage in stages)

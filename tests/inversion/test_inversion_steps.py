@@ -32,6 +32,13 @@ from flexgen.simulation.motor_feedback import MotorFeedback
 from flexgen.simulation.result import Simulation
 
 T = np.linspace(-0.1, 0.4, 6)
+COUPLED = {
+    "motor_coupling": "complete",
+    "motor.m1.axis": [0, 0, 1],
+    "motor.m1.carrier": "base",
+    "motor.m2.axis": [0, 0, 1],
+    "motor.m2.carrier": "arm1",
+}
 
 
 def channels(model: Any, **values: np.ndarray) -> Trajectory:
@@ -341,8 +348,10 @@ def test_methods_that_follow_the_default_one(monkeypatch: pytest.MonkeyPatch) ->
     limits = Limits(torque=(1.0,))
     assert choice.default_method(flexgen.read("elbow"), limits) == "lq"
     assert choice.default_method(flexgen.read("four_mass"), limits) == "full"
-    complete = dataclasses.replace(flexgen.read("planar5_nmp"), motor_coupling="complete")
-    assert choice.default_method(complete, None) == "full"
+    circle = flexgen.read("planar5_nmp", overrides=COUPLED | {"motor.m2.carrier": "arm2"})
+    assert choice.default_method(circle, None) == "full"
+    complete = flexgen.read("planar5_nmp", overrides=COUPLED)
+    assert choice.default_method(complete, None) == "lq"
 
     def further(name: str, method: str, limits: Limits | None = None) -> list[str]:
         problem = Problem(name, limits=limits)
@@ -362,10 +371,11 @@ def test_methods_that_follow_the_default_one(monkeypatch: pytest.MonkeyPatch) ->
         choice.check_applies(find_method("fjm"), complete, limits)
     with pytest.raises(
         ArgumentError,
-        match="method lq: model planar5_nmp has motor_coupling 'complete', expected 'simp",
+        match="method lq: model planar5_nmp: joint q2 turns a motor whose torque it needs, expec",
     ):
-        choice.check_applies(find_method("lq"), complete, None)
-    choice.check_applies(find_method("full"), complete, limits)
+        choice.check_applies(find_method("lq"), circle, None)
+    choice.check_applies(find_method("lq"), complete, None)
+    choice.check_applies(find_method("full"), circle, limits)
 
 
 def test_arguments_of_solve_at_their_bounds() -> None:

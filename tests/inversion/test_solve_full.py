@@ -141,7 +141,7 @@ def test_complete_motor_coupling() -> None:
     shows in the tool.
     """
     complete = flexgen.derive(read("planar5_nmp", overrides=COMPLETE))
-    solution = flexgen.solve(complete)
+    solution = flexgen.solve(complete, method="full")
     assert solution.method == "full" and solution.status == Status.SOLVED
     assert (solution.tool_error_max_m or 1) < 2 * MICRON
     simple = read("planar5_nmp", overrides={"motor.m2.inertia": 0.01})

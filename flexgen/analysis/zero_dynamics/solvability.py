@@ -177,7 +177,7 @@ def solvability_path(equations: Equations, path: OutputPath, n: int = 41) -> Sol
         The path leaves the workspace, or passes a singular pose.
     """
     model = equations.model
-    reason = obstacle(model, "reduced problem")
+    reason = obstacle(model, "reduced problem") or obstacle(model, "simplified coupling")
     if reason is not None:
         raise ArgumentError(f"solvability along a path: {reason}")
     if n < 1:

@@ -176,8 +176,11 @@ def pencil_zeros(A: np.ndarray, D: np.ndarray, K: np.ndarray) -> np.ndarray | No
 
 
 def is_structured(equations: Equations) -> bool:
-    """Whether the reduction applies: simplified coupling and as many outputs as motors."""
-    return obstacle(equations.model, "reduced problem") is None
+    """Whether the reduction has the zeros: as many outputs as motors, and no coordinate without
+    motor that turns a rotor.
+    """
+    parts = ("reduced problem", "inner zeros")
+    return all(obstacle(equations.model, part) is None for part in parts)
 
 
 def zero_report(equations: Equations, linear: LinearModel, rest: Equilibrium) -> ZeroReport:

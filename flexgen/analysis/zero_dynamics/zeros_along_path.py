@@ -158,7 +158,7 @@ def zero_path(
             pencil = None
         roots, sigma, sign = zeros_at(equations, arm_linearization(equations, q), t, pencil)
     elif moving:
-        reason = obstacle(model, "reduced problem")
+        reason = obstacle(model, "reduced problem") or obstacle(model, "inner zeros")
         raise ArgumentError(f"zeros along a path of a moving robot: {reason}")
     else:
         rests = equilibria_along(equations, path, t)

@@ -430,11 +430,8 @@ static inline int largest_motors(const real *swing, const real *v, const real *a
 }
 
 #endif /* MODEL_HARMONICS */
-/*
- * Motor torques and speeds at the nodes, relative to their limits, from motion and torques of the
- * arm there.
- */
-static inline int motors_at_nodes(
+/* Deflections of the gears at the nodes from their torques there. */
+static inline int deflections_at_nodes(
     real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
 {
     const real equilibrium[NG] = {0.0};
@@ -452,16 +449,83 @@ static inline int motors_at_nodes(
                                         lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
         }
     }
+    return 1;
+}
+
+/* Motion of the joints at node k with their deflections. */
+static inline void deflected_at_node(const real *s, const limits_layout *l, ptrdiff_t N,
+    ptrdiff_t k, real h, real *q, real *v, real *a)
+{
+    const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
+    const real *x = s + l->lagged + at;
+    for (int i = 0; i < NG; ++i) {
+        q[i] = s[l->q + k * NG + i] + s[l->lagged + k * NG + i];
+        v[i] = s[l->v + k * NG + i] + (x[NG + i] - x[i - NG]) / (2.0 * h);
+        a[i] = s[l->a + k * NG + i] + (x[NG + i] - 2.0 * x[i] + x[i - NG]) / (h * h);
+    }
+}
+
+#if MODEL_COUPLED
+/*
+ * What the moving rotors do at node k: forces on the joints, and torques that their carriers take
+ * from them. Coordinates without motor are small, and taken as zero.
+ */
+static inline int rotors_at_node(const real *s, const limits_layout *l, ptrdiff_t N, ptrdiff_t k,
+    real h, real *on_joints, real *taken, real *space)
+{
+    real arm[3 * NA] = {0.0}, q[NG], v[NG], a[NG];
+    for (int i = 0; i < NG; ++i) {
+        arm[i_g[i]] = s[l->q + k * NG + i];
+        arm[NA + i_g[i]] = s[l->v + k * NG + i];
+        arm[2 * NA + i_g[i]] = s[l->a + k * NG + i];
+    }
+    deflected_at_node(s, l, N, k, h, q, v, a);
+    return rotors_of(arm, v, a, on_joints, taken, space);
+}
+
+/* Add the forces of the moving rotors to the torques of the gears, a pass for each stage. */
+static inline int couple_rotors_at_nodes(
+    real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
+{
+    copy(s + l->tau, (N + 1) * NG, s + l->still);
+    for (int stage = 0; stage < COUPLING_STAGES; ++stage) {
+        if (!deflections_at_nodes(s, l, N, h, space)) {
+            return 0;
+        }
+        for (ptrdiff_t k = 0; k <= N; ++k) {
+            real on_joints[NG], taken[NM];
+            if (!rotors_at_node(s, l, N, k, h, on_joints, taken, space)) {
+                return 0;
+            }
+            for (int i = 0; i < NG; ++i) {
+                s[l->tau + k * NG + i] = s[l->still + k * NG + i] + on_joints[i];
+            }
+        }
+    }
+    return 1;
+}
+
+#endif /* MODEL_COUPLED */
+/*
+ * Motor torques and speeds at the nodes, relative to their limits, from motion and torques of the
+ * arm there.
+ */
+static inline int motors_at_nodes(
+    real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
+{
+#if MODEL_COUPLED
+    if (!couple_rotors_at_nodes(s, l, N, h, space)) {
+        return 0;
+    }
+#endif /* MODEL_COUPLED */
+    if (!deflections_at_nodes(s, l, N, h, space)) {
+        return 0;
+    }
     for (ptrdiff_t k = 0; k <= N; ++k) {
-        const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
-        const real *x = s + l->lagged + at, *tau = s + l->tau + k * NG;
+        const real *tau = s + l->tau + k * NG;
         real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
         real *value = s + l->value + k * BOUNDED;
-        for (int i = 0; i < NG; ++i) {
-            q[i] = s[l->q + k * NG + i] + s[l->lagged + k * NG + i];
-            v[i] = s[l->v + k * NG + i] + (x[NG + i] - x[i - NG]) / (2.0 * h);
-            a[i] = s[l->a + k * NG + i] + (x[NG + i] - 2.0 * x[i] + x[i - NG]) / (h * h);
-        }
+        deflected_at_node(s, l, N, k, h, q, v, a);
 #if MODEL_HARMONICS
         (void)q;
         (void)q_m;
@@ -473,6 +537,17 @@ static inline int motors_at_nodes(
             return 0;
         }
 #endif /* MODEL_HARMONICS */
+#if MODEL_COUPLED
+        {
+            real on_joints[NG], taken[NM];
+            if (!rotors_at_node(s, l, N, k, h, on_joints, taken, space)) {
+                return 0;
+            }
+            for (int i = 0; i < NM; ++i) {
+                tau_m[i] += taken[i];
+            }
+        }
+#endif /* MODEL_COUPLED */
         for (int i = 0; i < NM; ++i) {
 #if MODEL_LUGRE
             tau_m[i] += sliding_torque(i, v_m[i]);

@@ -447,12 +447,34 @@ static inline int motors_of(const real *q, const real *v, const real *a, const r
     return is_finite(q_m, NM) && is_finite(v_m, NM) && is_finite(tau_m, NM);
 }
 
+#if MODEL_COUPLED
 /*
- * The same from the motion of the joints, to which that of the deflections is added. `tau`,
- * `deflection`: gear torques and deflections at this sample, between their neighbors.
+ * What the rotors do that turn with their carriers: forces on the joints that turn them, and
+ * torques that the carriers take from the rotors. arm: position, speed and acceleration of its
+ * coordinates; v, a: of the joints with their deflections.
  */
-static inline int motors_at_sample(const gears *g, const real *tau, const real *deflection,
-    real *q, real *v, real *a, real *q_m, real *v_m, real *tau_m, real *space)
+static inline int rotors_of(
+    const real *arm, const real *v, const real *a, real *on_joints, real *taken, real *space)
+{
+    real v_m[NM], a_m[NM];
+    for (int j = 0; j < NM; ++j) {
+        v_m[j] = a_m[j] = 0.0;
+        for (int i = 0; i < NG; ++i) {
+            v_m[j] += eta[j][i] * v[i];
+            a_m[j] += eta[j][i] * a[i];
+        }
+    }
+    return evaluate_rotor_coupling(
+               arm, arm + NA, arm + 2 * NA, v_m, a_m, on_joints, taken, space) == MODEL_OK;
+}
+
+#endif /* MODEL_COUPLED */
+/*
+ * Add the motion of the deflections at a sample to that of the joints. `tau`, `deflection`: gear
+ * torques and deflections at this sample, between their neighbors.
+ */
+static inline int deflect_joints(const gears *g, const real *tau, const real *deflection, real *q,
+    real *v, real *a, real *space)
 {
     const real period = g->period;
     real value[NG], stiffness[NG];
@@ -476,7 +498,7 @@ static inline int motors_at_sample(const gears *g, const real *tau, const real *
         v[i] += once;
         a[i] += twice;
     }
-    return motors_of(q, v, a, tau, q_m, v_m, tau_m, space);
+    return 1;
 }
 
 /*

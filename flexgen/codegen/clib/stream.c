@@ -667,6 +667,9 @@ COLD model_status model_stream_start(const model_stream *given,
     for (int i = 0; i < MEASURES + NM; ++i) {
         stream[l.most + i] = 0.0;
     }
+#if MODEL_COUPLED
+    set_zero(stream + l.coupled, l.window * NG);
+#endif /* MODEL_COUPLED */
     status = set_equilibrium(stream, &l, y, q);
 #if MODEL_LUGRE
     for (int i = 0; i < BRISTLES + PAST_IMPULSES; ++i) {

@@ -755,6 +755,14 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
                 joint[NG + i] = arm->v[i_g[i]][point];
                 joint[2 * NG + i] = arm->a[i_g[i]][point];
             }
+#if MODEL_COUPLED
+            for (int i = 0; i < NA; ++i) {
+                real *moving = s + l->arm + (at + point) * (ptrdiff_t)(3 * NA);
+                moving[i] = arm->q[i][point];
+                moving[NA + i] = arm->v[i][point];
+                moving[2 * NA + i] = arm->a[i][point];
+            }
+#endif /* MODEL_COUPLED */
             if (k < 0 || k >= samples_per_interval) {
                 continue;
             }
@@ -943,6 +951,99 @@ static inline int bristles_in_interval(real *s, const layout *l, int is_first, r
     return finite == 0.0;
 }
 #endif /* MODEL_LUGRE */
+#if MODEL_HYSTERESIS
+#else /* MODEL_HYSTERESIS */
+/*
+ * Deflections of the gears in the window from their torques; keep: those at the end of the
+ * interval are carried on to the next update.
+ */
+static inline int deflections_in_window(real *s, const layout *l, gears *g, int keep)
+{
+    const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval;
+    real *space = s + l->space, last_stiffness[NG];
+    if (!begin_gears(g, head_in(s)->period / (real)samples_per_interval, s + l->now, space) ||
+        !static_deflections(
+            s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
+        return 0;
+    }
+    for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
+        real value[NG], stiffness[NG];
+#if MODEL_COUPLED
+        if (k >= BACK && k <= BACK + samples_per_interval + l->ahead + REACH &&
+#else  /* MODEL_COUPLED */
+        if (k >= BACK && k <= BACK + samples_per_interval + l->ahead &&
+#endif /* MODEL_COUPLED */
+            !advance_gears(g, k == BACK, s + l->tau + k * NG, 1, NG, space)) {
+            return 0;
+        }
+        if (keep && g->slow && k == BACK + samples_per_interval) {
+            copy(g->now, NG, s + l->now);
+        }
+        if (evaluate_gear_law(s + l->deflection + k * NG, value, stiffness, space) != MODEL_OK) {
+            return 0;
+        }
+        lagged_deflections(
+            g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
+    }
+#if MODEL_PARAMETERS > 0
+    for (int i = 0; i < NG && keep;
+        /* after a change of its damping the deflection of a gear may have to be integrated */
+        ++i) {
+        if (g->quick[i]) {
+            s[l->now + i] = s[l->lagged + (BACK + samples_per_interval) * NG + i];
+        }
+    }
+#endif
+    return 1;
+}
+
+#endif /* MODEL_HYSTERESIS */
+#if MODEL_COUPLED
+/*
+ * Add the forces of the moving rotors to the torques of the gears: a pass for each stage of
+ * motors. Those before the interval are those of the updates before. A pass needs samples after
+ * its last one, where it takes the forces of that one: the window reaches further by REACH.
+ */
+static inline int couple_rotors_in_window(real *s, const layout *l, const interval_results *out)
+{
+    const ptrdiff_t each = head_in(s)->samples_per_interval;
+    real *tau = s + l->tau, *still = s + l->still, *coupled = s + l->coupled;
+    copy(tau, l->window * NG, still);
+    for (ptrdiff_t k = 0; k < BACK; ++k) {
+        copy(coupled + (k + each) * NG, NG, coupled + k * NG);
+        for (int i = 0; i < NG; ++i) {
+            tau[k * NG + i] += coupled[k * NG + i];
+        }
+    }
+    for (int stage = 0; stage < COUPLING_STAGES; ++stage) {
+        gears g;
+        if (!deflections_in_window(s, l, &g, 0)) {
+            return 0;
+        }
+        for (ptrdiff_t k = BACK; k < l->window; ++k) {
+            const real *joint = s + l->joint + k * JOINT;
+            real q[NG], v[NG], a[NG], taken[NM];
+            if (k >= l->window - BACK) {
+                copy(coupled + (k - 1) * NG, NG, coupled + k * NG);
+                continue;
+            }
+            copy(joint, NG, q);
+            copy(joint + NG, NG, v);
+            copy(joint + 2 * NG, NG, a);
+            if (!deflect_joints(&g, tau + k * NG, s + l->lagged + k * NG, q, v, a, s + l->space) ||
+                !rotors_of(s + l->arm + k * 3 * NA, v, a, coupled + k * NG, taken, s + l->space)) {
+                return 0;
+            }
+        }
+        for (ptrdiff_t k = BACK * NG; k < l->window * NG; ++k) {
+            tau[k] = still[k] + coupled[k];
+        }
+    }
+    copy(tau + BACK * NG, each * NG, out->tau_g);
+    return is_finite(coupled, (int)(l->window * NG));
+}
+
+#endif /* MODEL_COUPLED */
 /*
  * Motors in the interval; the deflections of the gears are carried on from update to update. step,
  * output_step: of the motor torques and of the output at its start; steps at rest are not counted.
@@ -952,9 +1053,10 @@ static inline int motors_in_interval(
 {
     const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval;
     const int is_first = !head_in(s)->is_predicted;
-    real *space = s + l->space, *torque = s + l->torque, last_stiffness[NG];
+    real *space = s + l->space, *torque = s + l->torque;
     gears g;
 #if MODEL_HYSTERESIS
+    real last_stiffness[NG];
     set_differences(&g, head_in(s)->period / (real)samples_per_interval);
     if (!static_deflections(
             s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
@@ -964,35 +1066,14 @@ static inline int motors_in_interval(
         return MODEL_NOT_CONVERGED;
     }
 #else /* MODEL_HYSTERESIS */
-    if (!begin_gears(&g, head_in(s)->period / (real)samples_per_interval, s + l->now, space) ||
-        !static_deflections(
-            s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
+#if MODEL_COUPLED
+    if (!couple_rotors_in_window(s, l, out)) {
         return MODEL_RESULT_NOT_FINITE;
     }
-    for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
-        real value[NG], stiffness[NG];
-        if (k >= BACK && k <= BACK + samples_per_interval + l->ahead &&
-            !advance_gears(&g, k == BACK, s + l->tau + k * NG, 1, NG, space)) {
-            return MODEL_RESULT_NOT_FINITE;
-        }
-        if (g.slow && k == BACK + samples_per_interval) {
-            copy(g.now, NG, s + l->now);
-        }
-        if (evaluate_gear_law(s + l->deflection + k * NG, value, stiffness, space) != MODEL_OK) {
-            return MODEL_RESULT_NOT_FINITE;
-        }
-        lagged_deflections(
-            &g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
+#endif /* MODEL_COUPLED */
+    if (!deflections_in_window(s, l, &g, 1)) {
+        return MODEL_RESULT_NOT_FINITE;
     }
-#if MODEL_PARAMETERS > 0
-    for (int i = 0; i < NG;
-        /* after a change of its damping the deflection of a gear may have to be integrated */
-        ++i) {
-        if (g.quick[i]) {
-            s[l->now + i] = s[l->lagged + (BACK + samples_per_interval) * NG + i];
-        }
-    }
-#endif
 #endif /* MODEL_HYSTERESIS */
     for (ptrdiff_t k = 0; k <= samples_per_interval + l->ahead; ++k) {
         const real *tau = s + l->tau + (k + BACK) * NG,
@@ -1002,9 +1083,21 @@ static inline int motors_in_interval(
         copy(joint, NG, q);
         copy(joint + NG, NG, v);
         copy(joint + 2 * NG, NG, a);
-        if (!motors_at_sample(&g, tau, deflection, q, v, a, q_m, v_m, tau_m, space)) {
+        if (!deflect_joints(&g, tau, deflection, q, v, a, space) ||
+            !motors_of(q, v, a, tau, q_m, v_m, tau_m, space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
+#if MODEL_COUPLED
+        {
+            real on_joints[NG], taken[NM];
+            if (!rotors_of(s + l->arm + (k + BACK) * 3 * NA, v, a, on_joints, taken, space)) {
+                return MODEL_RESULT_NOT_FINITE;
+            }
+            for (int j = 0; j < NM; ++j) {
+                tau_m[j] += taken[j];
+            }
+        }
+#endif /* MODEL_COUPLED */
 #if MODEL_LUGRE
         for (int j = 0; j < NM; ++j) {
             real *motion = s + l->motion + 2 * k * NM + j;

@@ -37,6 +37,9 @@ enum { BEYOND = 2 * MARGIN, BEFORE = BLOCK, TAPS = 2 * MARGIN + 2 };
 typedef struct {
     ptrdiff_t apart; /* numbers from the row of a gear to that of the next */
     real *tau, *deflection, *stiffness, *lagged;
+#if MODEL_COUPLED
+    real *still; /* torques where no rotor moves */
+#endif           /* MODEL_COUPLED */
 } gear_rows;
 
 /* Length of a row. */
@@ -561,6 +564,9 @@ static inline int guess_mesh(mesh *m, const model_samples *p, const real *q, int
 /* Where the arrays of both solvers are in the workspace, in reals from its start. */
 typedef struct {
     int64_t samples, intervals, varying; /* varying: as in mesh */
+#if MODEL_COUPLED
+    int64_t still;
+#endif /* MODEL_COUPLED */
     int64_t tau, deflection, stiffness, lagged, q_a, v_a, a_a, v_m, y, a, a_node, q_g, reference,
         factor, scale, weights, joint_weights, space;
     int64_t end; /* where the arrays of one solver begin */
@@ -594,6 +600,9 @@ static inline whole_layout lay_out(
     TAKE(at, l.deflection, row_length(l.samples) * NG);
     TAKE(at, l.stiffness, row_length(l.samples) * NG);
     TAKE(at, l.lagged, row_length(l.samples) * NG);
+#if MODEL_COUPLED
+    TAKE(at, l.still, row_length(l.samples) * NG);
+#endif /* MODEL_COUPLED */
     TAKE(at, l.q_a, l.samples * NA);
     TAKE(at, l.v_a, l.samples * NA);
     TAKE(at, l.a_a, l.samples * NA);
@@ -1061,15 +1070,135 @@ static inline int add_bristles(const results *r)
 }
 
 #endif /* MODEL_LUGRE */
+#if MODEL_HYSTERESIS
+#else /* MODEL_HYSTERESIS */
+/* Deflections of the gears at the samples from their torques. */
+static inline int deflections_at_samples(const results *r, gears *state, real *space)
+{
+    const gear_rows *g = &r->gear;
+    const ptrdiff_t known = r->samples + BEYOND, lagged = r->samples + MARGIN;
+    real first[NG];
+    hold_ends(g, g->tau, known);
+    for (ptrdiff_t at = 0; at < known; at += POINTS) {
+        if (!static_deflections_at(g, at, space)) {
+            return 0;
+        }
+    }
+    hold_ends(g, g->deflection, known);
+    hold_ends(g, g->stiffness, known);
+    for (int i = 0; i < NG; ++i) {
+        first[i] = g->deflection[i * g->apart];
+    }
+    if (!begin_gears(state, r->p->period, first, space) || !lagged_rows(g, state, lagged, space)) {
+        return 0;
+    }
+    hold_ends(g, g->lagged, lagged);
+    return 1;
+}
+
+#endif /* MODEL_HYSTERESIS */
+/* Motion of the joints at samples `at` and following ones; the last one again after it. */
+static inline int load_joints_at(const results *r, ptrdiff_t at, motor_points *p)
+{
+    const int used = r->samples - at < POINTS ? (int)(r->samples - at) : (int)POINTS;
+    for (int l = 0; l < POINTS; ++l) {
+        const ptrdiff_t k = (at + (l < used ? l : used - 1)) * NA;
+        for (int i = 0; i < NG; ++i) {
+            p->q[i][l] = r->q_a[k + i_g[i]];
+            p->v[i][l] = r->v_a[k + i_g[i]];
+            p->a[i][l] = r->a_a[k + i_g[i]];
+        }
+    }
+    return used;
+}
+
+#if MODEL_COUPLED
+/*
+ * Forces of the rotors on the joints and torques that their carriers take from them at the `used`
+ * samples from `at` on; p: the joints with their deflections there.
+ */
+static inline int rotors_of_points(const results *r, ptrdiff_t at, int used, const motor_points *p,
+    points *on_joints, points *taken, real *space)
+{
+    points arm[3][NA], v_m[NM], a_m[NM];
+    for (int l = 0; l < POINTS; ++l) {
+        const ptrdiff_t k = (at + (l < used ? l : used - 1)) * NA;
+        for (int i = 0; i < NA; ++i) {
+            arm[0][i][l] = r->q_a[k + i];
+            arm[1][i][l] = r->v_a[k + i];
+            arm[2][i][l] = r->a_a[k + i];
+        }
+    }
+    for (int j = 0; j < NM; ++j) {
+        EACH (l) {
+            lanes v = splat_v(0.0), a = splat_v(0.0);
+            for (int i = 0; i < NG; ++i) {
+                v += eta[j][i] * load_v(&p->v[i][l]);
+                a += eta[j][i] * load_v(&p->a[i][l]);
+            }
+            store_v(&v_m[j][l], v);
+            store_v(&a_m[j][l], a);
+        }
+    }
+    return evaluate_rotor_coupling_batch(POINTS, &arm[0][0][0], &arm[1][0][0], &arm[2][0][0],
+               &v_m[0][0], &a_m[0][0], &on_joints[0][0], &taken[0][0], space) == MODEL_OK;
+}
+
+/*
+ * Add the forces of the moving rotors to the torques of the gears: a pass for each stage of
+ * motors, with the motors of the pass before. After the last sample they are those at it.
+ */
+static inline int couple_rotors(const results *r, real *space)
+{
+    const gear_rows *g = &r->gear;
+    const ptrdiff_t known = r->samples + BEYOND;
+    gears state;
+    for (int i = 0; i < NG; ++i) {
+        copy(g->tau + i * g->apart, known, g->still + i * g->apart);
+    }
+    for (int stage = 0; stage < COUPLING_STAGES; ++stage) {
+        points last[NG] = {{0.0}}, on_joints[NG], taken[NM];
+        if (!deflections_at_samples(r, &state, space)) {
+            return 0;
+        }
+        for (ptrdiff_t at = 0; at < known; at += POINTS) {
+            const ptrdiff_t all = known - at < POINTS ? known - at : (ptrdiff_t)POINTS;
+            int used = 0;
+            if (at < r->samples) {
+                motor_points p;
+                used = load_joints_at(r, at, &p);
+                if (!add_deflections(g, &state, at, &p, space) ||
+                    !rotors_of_points(r, at, used, &p, on_joints, taken, space)) {
+                    return 0;
+                }
+            }
+            for (int i = 0; i < NG; ++i) {
+                const ptrdiff_t row = i * g->apart + at;
+                for (ptrdiff_t l = 0; l < all; ++l) {
+                    last[i][0] = l < used ? on_joints[i][l] : last[i][0];
+                    g->tau[row + l] = g->still[row + l] + last[i][0];
+                }
+            }
+        }
+    }
+    for (ptrdiff_t k = 0; k < r->samples && r->tau_g != NULL; ++k) {
+        for (int i = 0; i < NG; ++i) {
+            r->tau_g[k * NG + i] = g->tau[i * g->apart + k];
+        }
+    }
+    return 1;
+}
+
+#endif /* MODEL_COUPLED */
 /* Motors at the samples, through the gears. */
 static inline int motors_at_samples(const results *r, real *space)
 {
     const gear_rows *g = &r->gear;
-    const ptrdiff_t known = r->samples + BEYOND, lagged = r->samples + MARGIN;
-#if MODEL_HYSTERESIS
-    real tau[NG], first[NG] = {0.0}, stiffness[NG];
     gears state;
     motor_points p;
+#if MODEL_HYSTERESIS
+    const ptrdiff_t known = r->samples + BEYOND, lagged = r->samples + MARGIN;
+    real tau[NG], first[NG] = {0.0}, stiffness[NG];
     set_differences(&state, r->p->period);
     hold_ends(g, g->tau, known);
     for (int i = 0; i < NG; ++i) {
@@ -1081,40 +1210,35 @@ static inline int motors_at_samples(const results *r, real *space)
     if (!hysteretic_rows(g, r->p->period, first, lagged, space)) {
         return MODEL_NOT_CONVERGED;
     }
-#else  /* MODEL_HYSTERESIS */
-    real first[NG];
-    gears state;
-    motor_points p;
-    hold_ends(g, g->tau, known);
-    for (ptrdiff_t at = 0; at < known; at += POINTS) {
-        if (!static_deflections_at(g, at, space)) {
-            return MODEL_RESULT_NOT_FINITE;
-        }
+    hold_ends(g, g->lagged, lagged);
+#else /* MODEL_HYSTERESIS */
+#if MODEL_COUPLED
+    if (!couple_rotors(r, space)) {
+        return MODEL_RESULT_NOT_FINITE;
     }
-    hold_ends(g, g->deflection, known);
-    hold_ends(g, g->stiffness, known);
-    for (int i = 0; i < NG; ++i) {
-        first[i] = g->deflection[i * g->apart];
-    }
-    if (!begin_gears(&state, r->p->period, first, space) ||
-        !lagged_rows(g, &state, lagged, space)) {
+#endif /* MODEL_COUPLED */
+    if (!deflections_at_samples(r, &state, space)) {
         return MODEL_RESULT_NOT_FINITE;
     }
 #endif /* MODEL_HYSTERESIS */
-    hold_ends(g, g->lagged, lagged);
     for (ptrdiff_t at = 0; at < r->samples; at += POINTS) {
-        const int used = r->samples - at < POINTS ? (int)(r->samples - at) : (int)POINTS;
-        for (int l = 0; l < POINTS; ++l) {
-            const ptrdiff_t k = (at + (l < used ? l : used - 1)) * NA;
-            for (int i = 0; i < NG; ++i) {
-                p.q[i][l] = r->q_a[k + i_g[i]];
-                p.v[i][l] = r->v_a[k + i_g[i]];
-                p.a[i][l] = r->a_a[k + i_g[i]];
-            }
-        }
+        const int used = load_joints_at(r, at, &p);
+#if MODEL_COUPLED
+        points on_joints[NG], taken[NM];
+#endif /* MODEL_COUPLED */
         if (!add_deflections(g, &state, at, &p, space) || !motors_of_points(g, at, &p, space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
+#if MODEL_COUPLED
+        if (!rotors_of_points(r, at, used, &p, on_joints, taken, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        for (int j = 0; j < NM; ++j) {
+            EACH (l) {
+                store_v(&p.tau_m[j][l], load_v(&p.tau_m[j][l]) + load_v(&taken[j][l]));
+            }
+        }
+#endif /* MODEL_COUPLED */
         if (r->q_m != NULL) {
             store_samples(p.q_m, NM, used, r->q_m + at * NM);
         }
@@ -1239,6 +1363,9 @@ static inline model_status finish(const model_samples *p, const model_inversion_
     r.gear.deflection = work + l->deflection + BEFORE;
     r.gear.stiffness = work + l->stiffness + BEFORE;
     r.gear.lagged = work + l->lagged + BEFORE;
+#if MODEL_COUPLED
+    r.gear.still = work + l->still + BEFORE;
+#endif /* MODEL_COUPLED */
     r.a_m = work + l->deflection;
     r.most = most;
 #if MODEL_NE > 0

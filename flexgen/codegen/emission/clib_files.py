@@ -25,6 +25,7 @@ from flexgen.codegen.emission.constants_header import (
     has_growth,
     has_positions,
     is_bristled,
+    is_coupled,
     is_curved,
     is_harmonic,
     is_loaded,
@@ -53,7 +54,17 @@ KERNEL = (
     "undefine.h",
 )  # of every library
 _PARTS = (
-    *("BOUNDS", "CURVED", "DIRECT", "FILTERS", "FORCE", "FURTHER", "HYSTERESIS", "HARMONICS"),
+    *(
+        "BOUNDS",
+        "COUPLED",
+        "CURVED",
+        "DIRECT",
+        "FILTERS",
+        "FORCE",
+        "FURTHER",
+        "HYSTERESIS",
+        "HARMONICS",
+    ),
     *("LIMITED", "LOAD", "LUGRE", "MEMORY", "POSITION"),
 )
 _IF = re.compile(r"#if (?:MODEL_)?([A-Z]+)(?: (>|==|!=) (\d+))?\n")
@@ -181,6 +192,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
     )
     has = {
         "BOUNDS": has_bounds(spec),
+        "COUPLED": is_coupled(spec),
         "CURVED": is_curved(spec),
         "DIRECT": spec.motor_constants.massless,
         "FILTERS": any(filter_sizes(spec)),
@@ -288,7 +300,9 @@ def stream_layout(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> Str
     """The memory of the library's streams."""
     forces = 3 * spec.sizes["n_y"] * spec.force  # with two derivatives
     own = has_positions(spec), is_bristled(spec), has_bounds(spec), is_harmonic(spec)
-    has = Contents(count_elements(spec), is_curved(spec), *own, filter_sizes(spec), forces)
+    stages = spec.motor_constants.coupling_stages if spec.motor_constants is not None else 0
+    parts = *own, filter_sizes(spec), forces, stages * is_coupled(spec)
+    has = Contents(count_elements(spec), is_curved(spec), *parts)
     space = space_of(spec, written) + BLOCK[spec.precision] + len(spec.parameters) + forces
     return StreamLayout(spec.sizes, spec.precision, has, space)
 

@@ -46,6 +46,11 @@ def is_loaded(spec: LibrarySpec) -> bool:
     return any(f.name == "loaded_friction" for f in spec.functions)
 
 
+def is_coupled(spec: LibrarySpec) -> bool:
+    """Whether the library inverts a model whose rotors turn with their carriers too."""
+    return any(f.name == "rotor_coupling" for f in spec.functions)
+
+
 def is_bristled(spec: LibrarySpec) -> bool:
     """Whether the library inverts a model some of whose motors have a friction with a state."""
     return spec.motor_constants is not None and any(spec.motor_constants.lugre.get("coulomb", ()))
@@ -180,11 +185,7 @@ def constants_header(
         for name, values in constants.lugre.items():
             note = " /* 0: none */" * (name == "coulomb")
             text += f"static const real lugre_{name}[{nm}] = {join(values)};{note}\n"
-    if constants.highest_harmonic:  # sixteen angles in the shortest period
-        text += (
-            f"enum {{ HARMONIC_ANGLES = {16 * constants.highest_harmonic} }}; /* of a turn of a "
-            "motor */\n"
-        )
+    text += _counts_of_motors(spec, constants)
     if (servo := constants.servo) is not None and servo.filters:
         taps = inverse_taps(servo.low_pass, servo.sample_time)[0]
         h = servo.sample_time
@@ -232,6 +233,22 @@ workspace */
 {_parameter_macros(spec)}{calls}
 #endif
 """
+
+
+def _counts_of_motors(spec: LibrarySpec, constants: MotorConstants) -> str:
+    """C of the stages of motors in complete coupling, and of the angles that Fourier sums need."""
+    text = ""
+    if is_coupled(spec):
+        text += (
+            f"enum {{ COUPLING_STAGES = {constants.coupling_stages} }}; /* of motors, from the "
+            "last joint on */\n"
+        )
+    if constants.highest_harmonic:  # sixteen angles in the shortest period
+        text += (
+            f"enum {{ HARMONIC_ANGLES = {16 * constants.highest_harmonic} }}; /* of a turn of a "
+            "motor */\n"
+        )
+    return text
 
 
 def _call(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:

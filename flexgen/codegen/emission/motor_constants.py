@@ -10,6 +10,7 @@ import numpy as np
 
 from flexgen.dynamics.mechanics.output_columns import output_units
 from flexgen.model.elements import LinearSpring, RobotModel
+from flexgen.model.inertia import rotor_stages
 from flexgen.model.position_servo.keys import ServoTable
 
 if TYPE_CHECKING:
@@ -49,6 +50,8 @@ class MotorConstants:
         motor has any.
     highest_harmonic : int
         Of the Fourier sums of motor angles; zero: none.
+    coupling_stages : int
+        In which the gears follow from each other in complete motor coupling.
     arm_side : tuple of float
         Of each position in the state of ``linearize``: 1, or the largest gear ratio of a motor
         behind elastic gears.
@@ -82,6 +85,7 @@ class MotorConstants:
     curves: tuple[tuple[tuple[int, ...], tuple[tuple[float, ...], ...]], ...]
     lugre: dict[str, tuple[float, ...]]
     highest_harmonic: int
+    coupling_stages: int
     arm_side: tuple[float, ...]
     servo: ServoTable | None
     pose: bool
@@ -179,6 +183,7 @@ def motor_constants(
         ),
         lugre=_lugre(model),
         highest_harmonic=int(highest_harmonics(model).max(initial=0)),
+        coupling_stages=max(rotor_stages(model), default=0),
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         servo=model.servo if position and position_obstacle(model) is None else None,
         pose=model.output.type == "tool_pose",

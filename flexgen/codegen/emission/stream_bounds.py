@@ -85,7 +85,12 @@ def stream_operations(
             radau += has.elements * n_g * (BRANCH_PASSES * 3 * 60 + 9 * 60 * 40)
 
     before, more, notches = has.filters
-    ahead = AHEAD + MARGIN * has.bristles + more
+    ahead = AHEAD + MARGIN * has.bristles + more + BACK * has.stages
+    if has.stages:  # a pass for each stage, and the motors after them
+        coupling = operations["rotor_coupling"] + 4 * n_g * n_m + 40 * n_g
+        motors += coupling
+        spring, radau = (1 + has.stages) * spring, (1 + has.stages) * radau
+        motors += has.stages * (gear + coupling)
     # the window of samples around the interval, in groups of points; a guess that fails is made
     # again
     group = 2 * kinematics + rows + block * (path + 1500 + 60 * n_e + 12 * n_a)

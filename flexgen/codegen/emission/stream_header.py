@@ -55,6 +55,7 @@ def stream_header(spec: LibrarySpec, layout: StreamLayout) -> str:
         subsequent_indent="    ",
         break_on_hyphens=False,
     ).replace("==", " == ")
+    reach = " + REACH" if layout.reach else ""
     space = "lq_space" if spec.sizes["n_e"] else "problem_points"
     return f"""\
 /*
@@ -104,7 +105,7 @@ static inline layout laid_out(
     layout l;
     const ptrdiff_t ahead = {_ahead(layout)};
     const ptrdiff_t held = ahead > 0;
-    const ptrdiff_t window = 2 * BACK + samples_per_interval + 1 + ahead;
+    const ptrdiff_t window = 2 * BACK + samples_per_interval + 1 + ahead{reach};
     const ptrdiff_t least = LAST - 1;
     const ptrdiff_t needed = (BACK + samples_per_interval - 1) / samples_per_interval + 1;
     const ptrdiff_t past = needed < least ? least : needed;

@@ -35,6 +35,7 @@ SWINGS = 5  # numbers of the Fourier sums of a motor
 # What a row may need: a part of the library, or coordinates without motor.
 ELASTIC = "ELASTIC"
 BOUNDS = "BOUNDS"
+COUPLED = "COUPLED"
 HARMONICS = "HARMONICS"
 HYSTERESIS = "HYSTERESIS"
 LUGRE = "LUGRE"
@@ -91,6 +92,7 @@ PAST = Name("past")  # intervals before the horizon that are kept
 # Constants of C that the sizes of the arrays depend on.
 CONSTANTS = (
     Row("BACK", 2 * _MARGIN, "samples around those of an update that its derivatives need"),
+    Row("REACH", Name("COUPLING_STAGES") * BACK, "samples more, for stages of motors", COUPLED),
     Row("LEVELS", LEVELS, "levels of the quasi-static motion"),
     Row("LAST", LAST, "last nodes of the path, for differences"),
     Row("JOINT", 3 * NG, "position, speed and acceleration of the joints with motor"),
@@ -121,6 +123,7 @@ LIMIT_ARRAYS = (
     Row("v", NODES * NG),
     Row("a", NODES * NG),
     Row("tau", NODES * NG),
+    Row("still", NODES * NG, "torques where no rotor moves", COUPLED),
     Row("deflection", NODES * NG, "of the gears, without damping"),
     Row("lagged", NODES * NG, "with it"),
     Row("response", NODES * Name("CHAIN") * Name("BLOCKS"), "of the deviation to unit inputs"),
@@ -152,6 +155,9 @@ ARRAYS = (
     Row("tau", WINDOW * NG, "torques of the gears in the window"),
     Row("deflection", WINDOW * NG, "of the gears, without damping"),
     Row("lagged", WINDOW * NG, "with damping"),
+    Row("still", WINDOW * NG, "torques of the gears where no rotor moves", COUPLED),
+    Row("arm", WINDOW * (3 * NA), "motion of the arm in the window", COUPLED),
+    Row("coupled", WINDOW * NG, "forces of the moving rotors on the joints", COUPLED),
     Row("now", BRANCH * NG, "the gears as they are kept, see keep_branches", HYSTERESIS),
     Row("now", NG, "deflections of the gears now", f"not {HYSTERESIS}"),
     Row("joint", WINDOW * Name("JOINT"), "motion of the joints in the window"),
@@ -212,7 +218,7 @@ class Contents:
     """Contents of a stream: elements of hysteresis in a gear, some by other laws than Dahl's;
     positions to send, frictions with a state, all limits, Fourier sums of motor angles; of filters
     of a servo samples before the present one, after it, and notches; numbers of the force on the
-    output with its derivatives.
+    output with its derivatives; stages of motors in complete coupling.
     """
 
     elements: int
@@ -223,12 +229,14 @@ class Contents:
     harmonics: bool
     filters: tuple[int, int, int]
     forces: int = 0
+    stages: int = 0
 
     def parts(self, elastic: bool) -> frozenset[str]:
         """The parts that rows may need; ``elastic``: with coordinates without motor."""
         has = {
             ELASTIC: elastic,
             BOUNDS: self.bounds,
+            COUPLED: self.stages > 0,
             HARMONICS: self.harmonics,
             HYSTERESIS: self.elements > 0,
             LUGRE: self.bristles,
@@ -311,6 +319,8 @@ class StreamLayout:
             columns = STAGES * n_e + 2 * n_e + 1
             names |= {"STATES": 2 * n_e, "CONTROLS": STAGES * n_e}
             names |= {"WIDTH": pad(columns, self.block), "POINT": n_e * (3 * n_e + 1)}
+        if self.has.stages:
+            names |= {"COUPLING_STAGES": self.has.stages}
         if self.has.elements:
             names |= {"BRANCH": 3 + self.has.elements}
         if self.has.bristles:
@@ -357,6 +367,11 @@ class StreamLayout:
             held += self.has.filters[1]
         return held + MARGIN * self.has.bristles
 
+    @property
+    def reach(self) -> int:
+        """Samples of the window more, for stages of motors."""
+        return 2 * MARGIN * self.has.stages
+
     def variables(self, intervals: int, samples: int, ahead: int) -> dict[str, int]:
         """Variables that the sizes of the arrays depend on; ``samples``: per interval, ``ahead``:
         behind the interval, which hold and delay need.
@@ -367,7 +382,7 @@ class StreamLayout:
             "samples_per_interval": samples,
             "ahead": ahead,
             "held": int(ahead > 0),
-            "window": 2 * back + samples + 1 + ahead,
+            "window": 2 * back + samples + 1 + ahead + self.reach,
             "past": max((back + samples - 1) // samples + 1, LAST - 1),
         }
 
@@ -400,7 +415,8 @@ class StreamLayout:
         }
         samples = Linear(0, 0, 1)
         names |= {"intervals": Linear(0, 1), "samples_per_interval": samples}
-        names |= {"window": samples + (4 * MARGIN + 1 + self.ahead(True, HOLD_DELAY_MAX))}
+        around = 4 * MARGIN + 1 + self.ahead(True, HOLD_DELAY_MAX) + self.reach
+        names |= {"window": samples + around}
         names[LIMITS_SIZE] = self._bound(LIMIT_ARRAYS, names)
         return self._bound(ARRAYS, names) + self.head_size
 

@@ -324,7 +324,8 @@ def rule(equations: Equations) -> tuple[int, int, int] | None:
     None for complete motor coupling, and where outputs and motors differ in number.
     """
     model = equations.model
-    if obstacle(model, "reduced problem") is not None:
+    parts = ("reduced problem", "simplified coupling")
+    if any(obstacle(model, part) is not None for part in parts):
         return None
     kinds = [gear for gear, _ in gears(model)]
     rigid = sum(gear.rigid for gear in kinds)

@@ -218,6 +218,41 @@ def rotor_torque(system: System) -> Built:
     return inputs, names, [ca.jtimes(lag.momentum_m, moving, rates)], ["tau_r"]
 
 
+def rotor_coupling(system: System) -> Built:
+    """Forces of the rotors' speeds on the joints with motor, and torques that the carriers take
+    from the rotors, in complete motor coupling.
+    """
+    reason = obstacle(system.model, "rotors in C")
+    if reason is not None:
+        raise ArgumentError(f"rotor_coupling: {reason}")
+    lag = system.lagrangian
+    names = ["q_a", "v_a", "a_a", "v_m", "a_m"]
+    inputs = symbols_of(system, names)
+    q_a, v_a, a_a, v_m, a_m = inputs
+    turning = ca.substitute(lag.momentum_m, v_m, ca.SX.zeros(v_m.shape))
+    taken = ca.jtimes(turning, ca.vertcat(q_a, v_a), ca.vertcat(v_a, a_a))
+    on_joints = rotor_forces(system, v_m, a_m)[list(system.model.i_g)]
+    return inputs, names, [on_joints, taken], ["tau_rg", "tau_rm"]
+
+
+def rotor_forces(system: System, v_m: ca.SX, a_m: ca.SX) -> ca.SX:
+    """Forces (n_a) that the arm needs where rotors move against their carriers in complete motor
+    coupling, of the part ``sum_j J_j v_m,j a_j . omega_carrier`` of the kinetic energy; ``v_m``,
+    ``a_m`` (n_m): speeds and accelerations of the motors, as symbols or graphs.
+    """
+    lag = system.lagrangian
+    q_a = lag.chain.q_a
+    v_a = lag.chain.v_a
+    speed, acceleration = (ca.SX.sym(name, system.model.n_m) for name in ("v_m", "a_m"))
+    turning = ca.substitute(lag.momentum_m, lag.v_m, ca.SX.zeros(speed.shape))
+    energy = ca.dot(speed, turning)
+    momentum = ca.gradient(energy, v_a)
+    rates = ca.vertcat(v_a, lag.a_a, acceleration)
+    forces = ca.jtimes(momentum, ca.vertcat(q_a, v_a, speed), rates) - ca.gradient(energy, q_a)
+    given = ca.vertcat(v_m, a_m)
+    return ca.substitute(forces, ca.vertcat(speed, acceleration), given)
+
+
 def gear_law(system: System) -> Built:
     """Torques of the gears' springs, and their derivatives in the deflection; zero for rigid
     gears.
@@ -339,6 +374,7 @@ BUILDERS: dict[str, Builder] = {
     "motor_harmonics": motor_harmonics,
     "given_torque": given_torque,
     "rotor_torque": rotor_torque,
+    "rotor_coupling": rotor_coupling,
     "gear_law": gear_law,
     "gear_torque": gear_torque,
     "elastic_torque": elastic_torque,

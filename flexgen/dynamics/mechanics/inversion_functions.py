@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.base.errors import ArgumentError
+from flexgen.dynamics.mechanics.dynamics import rotor_forces
 from flexgen.dynamics.mechanics.outputs import output_map
 from flexgen.dynamics.mechanics.system import Builder, Built, System
 from flexgen.model.abilities import obstacle
@@ -91,7 +92,26 @@ def row_ports(system: System, left: ca.SX) -> Built:
     tau_g = force[list(model.i_g)]
     if not model.i_e:
         return inputs, names, [tau_g], ["tau_g"]
-    return inputs, names, [tau_g, force[list(model.i_e)] - lag.tau_e], ["tau_g", "row"]
+    row = force[list(model.i_e)] - lag.tau_e + turned_rotors(system)
+    return inputs, names, [tau_g, row], ["tau_g", "row"]
+
+
+def turned_rotors(system: System) -> ca.SX:
+    """Forces (n_e) on the rows without motor of rotors that coordinates without motor turn, in
+    complete motor coupling.
+
+    The rotors move as behind rigid gears, ``v_m = eta v_g``: the acceleration of a deflection is
+    small against that of its joint, and so is the share of a rotor in these rows. Zero, without
+    an operation, where no such coordinate turns a rotor.
+    """
+    model = system.model
+    if obstacle(model, "simplified coupling") is None:
+        return ca.SX.zeros(model.n_e)
+    lag = system.lagrangian
+    i_g = list(model.i_g)
+    eta = ca.SX(ca.DM(model.eta))
+    moving = (ca.mtimes(eta, x[i_g]) for x in (lag.chain.v_a, lag.a_a))
+    return rotor_forces(system, *moving)[list(model.i_e)]
 
 
 def derivative_ports(system: System, of_output: list[ca.SX], of_left: list[ca.SX]) -> Built:
@@ -109,13 +129,13 @@ def derivative_ports(system: System, of_output: list[ca.SX], of_left: list[ca.SX
     names = ["dy1_dq", "dy2_dq", "dy2_dv"]
     if e:
         row, by_q, by_v, by_a = of_left
-        force = lag.arm_forces[e] + lag.tau_e
+        force = lag.arm_forces[e] + lag.tau_e - turned_rotors(system)
         of_output = [
             *of_output,
             row - force,
             by_q - ca.jacobian(force, q),
             by_v - ca.jacobian(force, v),
-            by_a,
+            by_a - ca.jacobian(force, a),
         ]
         names += ["row", "row_q", "row_v", "row_a"]
     return [q, v, a], ["q_a", "v_a", "a_a"], of_output, names

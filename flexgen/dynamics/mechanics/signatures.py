@@ -181,6 +181,15 @@ _FUNCTIONS = (
         "f_m",
     ),
     Row(
+        "rotor_coupling",
+        "Forces of the moving rotors on the joints that turn their carriers, and torques that "
+        "the carriers take from the rotors, in complete motor coupling.",
+        "tau_g = tau_g of resting rotors + tau_rg,  J_m a_m + tau_rm + f(v_m) + eta^-T tau_g = "
+        "tau_m",
+        "q_a v_a a_a v_m a_m",
+        "tau_rg tau_rm",
+    ),
+    Row(
         "output_constraint",
         "How far the output is from a target, and the map W from speeds to rates of the output.",
         "y_err = y(q_a) - target,  dy/dt = W(q_a) v_a,  d2y/dt2 = W a_a + Wdot_v",
@@ -405,7 +414,7 @@ OPTIONAL = tuple(row.name for row in TABLE if row.optional)
 # of models whose output determines the motors' motion
 INVERSION = FUNCTIONS[FUNCTIONS.index("output_constraint") :]
 # the same, and of the models that have them
-INVERTING = (*INVERSION, "motor_harmonics", "loaded_friction")
+INVERTING = (*INVERSION, "motor_harmonics", "loaded_friction", "rotor_coupling")
 # with the springs of the gears
 GEARED = ("forward_dynamics", "forward_dynamics_tool_force", "linearize")
 FLEXIBLE_JOINT = ("flexible_joint_motion", "flexible_joint_torque")  # of arms with elastic joints
@@ -418,6 +427,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "friction of speeds": ("motor_friction",),
     "friction of loads": ("loaded_friction",),
     "harmonics in C": ("motor_harmonics",),
+    "rotors in C": ("rotor_coupling",),
     "inversion Jacobians": ("inversion_jacobians",),
 }
 
@@ -533,6 +543,8 @@ PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
         "1 - n e'(q_m), part of the torque of its gear that a motor carries",
     ),
     "tau_c": (("n_m",), "N m", "cogging torques, motor side"),
+    "tau_rg": (("n_g",), "{tau}", "forces of the moving rotors on the joints, arm side"),
+    "tau_rm": (("n_m",), "N m", "torques that the carriers take from the rotors, motor side"),
     "gain_m": (("n_m",), "1", "torque that a motor gives over tau_m, one and its ripple"),
 }
 for _row in _FUNCTIONS:

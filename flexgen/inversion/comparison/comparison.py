@@ -14,6 +14,7 @@ from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.output_columns import output_units
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
+from flexgen.model.abilities import obstacle
 
 BASELINES = ("rigid", "fjm", "quasistatic")
 
@@ -35,10 +36,13 @@ def compare_methods(
     -------
     tuple of Solution
         The baselines, the simplest first, then the solution. Without non-actuated coordinates only
-        the rigid one differs from the closed form. A baseline without a solution is left out, and
+        the rigid one differs from the closed form; in complete motor coupling the exact one
+        without it does too. A baseline without a solution is left out, and
         the reason is reported; with a force on the tool or hysteresis of gears there is none.
     """
     wanted: tuple[str, ...] = BASELINES if equations.model.n_e else BASELINES[:1]
+    if obstacle(equations.model, "simplified coupling") is not None:
+        wanted = (*wanted, "simplified")
     for channel, what in (
         ("force", "the force on the tool"),
         ("tau_h", "the hysteresis of gears"),

@@ -30,7 +30,7 @@ def check_causal(problem: InversionProblem, method: str, differentiates: bool = 
     ``differentiates``: the method differentiates the equations of motion.
     """
     model = problem.equations.model
-    reason = obstacle(model, "reduced problem")
+    reason = obstacle(model, "reduced problem") or obstacle(model, "simplified coupling")
     if reason is not None:
         raise ArgumentError(f"method {method}: {reason}; use full")
     reason = obstacle(model, "differentiated equations") if differentiates else None

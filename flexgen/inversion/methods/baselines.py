@@ -1,6 +1,7 @@
-"""Baselines for comparison: rigid, flexible-joint and quasi-static feedforward.
+"""Baselines for comparison: rigid, flexible-joint and quasi-static feedforward, and exact feedforward
+without the coupling of the rotors.
 
-All three follow the path with the kinematics of their own simpler model and take the torque from
+The first three follow the path with the kinematics of their own simpler model and take the torque from
 it; simulated on the full model they have a tool error. None starts before the path. With q_e the
 non-actuated coordinates and q_g the actuated ones:
 
@@ -16,7 +17,8 @@ Quasi-static deflections are the first term of an expansion in the squares of (f
 path / frequency of the elasticity); each of ``rounds`` inserts the derivatives of the previous
 term and adds one term.
 
-The motor coupling is simplified, as the closed form of the gears requires.
+Their motor coupling is simplified. The baseline "simplified" is the exact inverse dynamics of the
+robot in complete coupling whose rotors turn with their gears alone.
 
 Source: A. De Luca, W. Book, in Springer Handbook of Robotics, 2016, ch. 11; P. Kokotovic, H.
 Khalil, J. O'Reilly, Singular Perturbation Methods in Control, 1986, ch. 1 (expansion of the slow
@@ -36,6 +38,7 @@ from flexgen.base.numerics.evaluate import evaluate
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.methods.method_result import MethodResult
+from flexgen.inversion.methods.method_table import find_method
 from flexgen.inversion.problem.motor_side import MotorMotion, motor_motion, motors_behind
 from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.problem.reduced_problem import Motion, Reduction
@@ -86,6 +89,26 @@ def quasistatic(problem: InversionProblem, h: float) -> MethodResult:
     motion = quasistatic_motion(reduction, problem.path, t, rounds)
     motors = motor_motion(reduction.equations, t, motion.q, motion.v, motion.a, motion.tau_g)
     return _result(t, motion, motors)
+
+
+def simplified(problem: InversionProblem, h: float) -> MethodResult:
+    """Exact feedforward of a robot in complete motor coupling, as if its rotors turned with their
+    gears alone; ``h`` [s]: length of the intervals. No options.
+    """
+    from flexgen.inversion.choice import default_method
+    from flexgen.inversion.refinement import run_method
+
+    problem.check_options("simplified")
+    model = problem.equations.model
+    if obstacle(model, "simplified coupling") is None:
+        raise ArgumentError(
+            f"method simplified: given {model.title}, whose rotors turn with their gears alone, "
+            "expected motor_coupling = 'complete'"
+        )
+    simple = replace(model, motor_coupling="simplified")
+    method = find_method(default_method(simple, None))
+    result = run_method(method, replace(problem, equations=Equations(simple)), h)
+    return replace(result, status=Status.BASELINE)
 
 
 def stiff_motion(reduction: Reduction, path: Path, t: np.ndarray) -> Motion:

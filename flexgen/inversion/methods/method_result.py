@@ -12,7 +12,11 @@ import numpy as np
 
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.inversion.judge.status import Status
-from flexgen.inversion.problem.motor_side import MotorMotion, motor_motion
+from flexgen.inversion.problem.motor_side import (
+    MotorMotion,
+    coupled_torques,
+    motor_motion,
+)
 from flexgen.inversion.problem.problem import HELD
 from flexgen.inversion.problem.reduced_problem import Motion
 
@@ -88,13 +92,14 @@ def with_motors(
     preactuation, verdict, iterations, intervals
         As in `MethodResult`.
     """
+    tau_g = coupled_torques(equations, t, motion.q, motion.v, motion.a, motion.tau_g)
     return MethodResult(
         t,
         motion.q,
         motion.v,
         motion.a,
-        motion.tau_g[:, :, 0],
-        motor_motion(equations, t, motion.q, motion.v, motion.a, motion.tau_g),
+        tau_g[:, :, 0],
+        motor_motion(equations, t, motion.q, motion.v, motion.a, tau_g),
         preactuation,
         Status.SOLVED,
         verdict,

@@ -116,6 +116,14 @@ BASELINES = (
         algebraic=True,
         any_coupling=True,
     ),
+    Method(
+        "simplified",
+        "baseline: exact, but for complete coupling of the rotors",
+        "flexgen.inversion.methods.baselines",
+        "simplified",
+        refines=False,
+        any_coupling=True,
+    ),
 )
 
 

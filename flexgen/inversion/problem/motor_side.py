@@ -6,6 +6,9 @@ A gear with the deflection p carries ``D p' + spring(p) = tau_g``; the motor fol
     tau_m = J_m eta (a_g + p'') + f(v_m) + eta^-T tau_g
 
 With Fourier sums of the motor angles: `flexgen.dynamics.mechanics.motor_harmonics`.
+In complete motor coupling the rotors also turn with their carriers. The torque of a gear then
+depends on the accelerations of the motors that its joint turns, and these on the torques of their
+own gears: the gears follow in stages, from the last joint to the first (`coupled_torques`).
 Without damping p is algebraic and p'' needs tau_g'' (the fourth derivative of the path); with
 damping p obeys a stable first-order equation, which starts at rest, and p'' needs tau_g' only.
 """
@@ -24,10 +27,15 @@ from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.lagrangian import gears
 from flexgen.dynamics.mechanics.motor_harmonics import carried_along, friction_along, motor_stage
 from flexgen.dynamics.mechanics.statics import gear_damping, gear_deflection
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import LinearSpring
+from flexgen.model.inertia import rotor_stages
 
 # of a sampling interval: gears with a time constant D / K below it are nearly algebraic
 INSTANT = 5e-3
+
+
+ENDS = 8  # samples at rest before the first one, for the derivatives of a spline there
 
 
 @dataclass(frozen=True)
@@ -62,26 +70,75 @@ def motor_motion(
     """
     i_g = list(equations.model.i_g)
     p, dp, ddp = deflections(equations, t, tau_g)
-    return motors_behind(
-        equations, [q[:, i_g] + p, v[:, i_g] + dp, a[:, i_g] + ddp], tau_g[:, :, 0]
-    )
+    theta = [q[:, i_g] + p, v[:, i_g] + dp, a[:, i_g] + ddp]
+    return motors_behind(equations, theta, tau_g[:, :, 0], (q, v, a))
 
 
 def motors_behind(
-    equations: Equations, theta: Sequence[np.ndarray], tau_g: np.ndarray
+    equations: Equations,
+    theta: Sequence[np.ndarray],
+    tau_g: np.ndarray,
+    arm: Sequence[np.ndarray] | None = None,
 ) -> MotorMotion:
     """Motion and torques of motors behind gears.
 
     ``theta`` (3, n, n_g) [rad or m]: motor angles over the ratios, and two derivatives; ``tau_g``
-    (n, n_g, 3): torques of the gears and two derivatives. The torque of a motor is that of its
-    rotor, its friction and its gear, less cogging, over its gain.
+    (n, n_g): torques of the gears; ``arm`` (3, n, n_a): the coordinates of the arm and two
+    derivatives, for complete motor coupling. The torque of a motor is that of its rotor, its
+    friction and its gear, less cogging, over its gain.
     """
     model = equations.model
     found = motor_stage(equations.function, model, theta, tau_g)
     friction = friction_along(equations.function, model, found.v_m, found.carried)
     inertia = np.array([motor.inertia for motor in model.motors])
-    tau_m = (inertia * found.a_m + friction + found.carried - found.cogging) / found.gain
+    rotor = inertia * found.a_m
+    if arm is not None and obstacle(model, "rotors in C") is None:
+        coupling = equations.function("rotor_coupling")
+        taken = evaluate(coupling, *arm, found.v_m, found.a_m)[1]
+        rotor = rotor + taken.reshape(rotor.shape)
+    tau_m = (rotor + friction + found.carried - found.cogging) / found.gain
     return MotorMotion(found.q_m, found.v_m, found.a_m, tau_m)
+
+
+def coupled_torques(
+    equations: Equations,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    tau_g: np.ndarray,
+) -> np.ndarray:
+    """Torques of the gears with two derivatives (n, n_g, 3), complete motor coupling included.
+
+    The forces of the moving rotors on the joints, ``S' J (a_m + ...)``, are added to those of
+    rotors at rest in as many passes as there are stages of motors; each takes the motors of the
+    pass before. Their derivatives in time are those of a spline of degree seven.
+
+    Parameters
+    ----------
+    equations, t, q, v, a
+        As in `motor_motion`.
+    tau_g : array (n, n_g, 3)
+        For rotors at rest; the result in simplified motor coupling.
+    """
+    model = equations.model
+    passes = max(rotor_stages(model), default=0)
+    if passes == 0:
+        return tau_g
+    i_g = list(model.i_g)
+    coupling = equations.function("rotor_coupling")
+    step = t[1] - t[0]
+    wide = np.r_[t[0] - step * np.arange(ENDS, 0, -1), t]
+    coupled = tau_g
+    for _ in range(passes):
+        _, dp, ddp = deflections(equations, t, coupled)
+        v_m = (v[:, i_g] + dp) @ model.eta.T
+        a_m = (a[:, i_g] + ddp) @ model.eta.T
+        on_joints = evaluate(coupling, q, v, a, v_m, a_m)[0].reshape(len(t), -1)
+        before = np.zeros((ENDS, model.n_g))
+        smooth = make_interp_spline(wide, np.vstack([before, on_joints]), k=7)
+        coupled = tau_g + np.stack([smooth(t, k) for k in range(3)], axis=-1)
+    return coupled
 
 
 def deflections(

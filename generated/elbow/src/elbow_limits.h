@@ -262,11 +262,8 @@ static const real change_weight = 1e0;
 /* weight of an exceeded limit, relative to a deviation of one */
 static const real limit_weight = 1e2;
 
-/*
- * Motor torques and speeds at the nodes, relative to their limits, from motion and torques of the
- * arm there.
- */
-static inline int motors_at_nodes(
+/* Deflections of the gears at the nodes from their torques there. */
+static inline int deflections_at_nodes(
     real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
 {
     const real equilibrium[NG] = {0.0};
@@ -284,16 +281,37 @@ static inline int motors_at_nodes(
                                         lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
         }
     }
+    return 1;
+}
+
+/* Motion of the joints at node k with their deflections. */
+static inline void deflected_at_node(const real *s, const limits_layout *l, ptrdiff_t N,
+    ptrdiff_t k, real h, real *q, real *v, real *a)
+{
+    const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
+    const real *x = s + l->lagged + at;
+    for (int i = 0; i < NG; ++i) {
+        q[i] = s[l->q + k * NG + i] + s[l->lagged + k * NG + i];
+        v[i] = s[l->v + k * NG + i] + (x[NG + i] - x[i - NG]) / (2.0 * h);
+        a[i] = s[l->a + k * NG + i] + (x[NG + i] - 2.0 * x[i] + x[i - NG]) / (h * h);
+    }
+}
+
+/*
+ * Motor torques and speeds at the nodes, relative to their limits, from motion and torques of the
+ * arm there.
+ */
+static inline int motors_at_nodes(
+    real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
+{
+    if (!deflections_at_nodes(s, l, N, h, space)) {
+        return 0;
+    }
     for (ptrdiff_t k = 0; k <= N; ++k) {
-        const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
-        const real *x = s + l->lagged + at, *tau = s + l->tau + k * NG;
+        const real *tau = s + l->tau + k * NG;
         real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
         real *value = s + l->value + k * BOUNDED;
-        for (int i = 0; i < NG; ++i) {
-            q[i] = s[l->q + k * NG + i] + s[l->lagged + k * NG + i];
-            v[i] = s[l->v + k * NG + i] + (x[NG + i] - x[i - NG]) / (2.0 * h);
-            a[i] = s[l->a + k * NG + i] + (x[NG + i] - 2.0 * x[i] + x[i - NG]) / (h * h);
-        }
+        deflected_at_node(s, l, N, k, h, q, v, a);
         if (!motors_of(q, v, a, tau, q_m, v_m, tau_m, space)) {
             return 0;
         }

@@ -397,11 +397,11 @@ static inline int motors_of(const real *q, const real *v, const real *a, const r
 }
 
 /*
- * The same from the motion of the joints, to which that of the deflections is added. `tau`,
- * `deflection`: gear torques and deflections at this sample, between their neighbors.
+ * Add the motion of the deflections at a sample to that of the joints. `tau`, `deflection`: gear
+ * torques and deflections at this sample, between their neighbors.
  */
-static inline int motors_at_sample(const gears *g, const real *tau, const real *deflection,
-    real *q, real *v, real *a, real *q_m, real *v_m, real *tau_m, real *space)
+static inline int deflect_joints(const gears *g, const real *tau, const real *deflection, real *q,
+    real *v, real *a, real *space)
 {
     const real period = g->period;
     real value[NG], stiffness[NG];
@@ -425,7 +425,7 @@ static inline int motors_at_sample(const gears *g, const real *tau, const real *
         v[i] += once;
         a[i] += twice;
     }
-    return motors_of(q, v, a, tau, q_m, v_m, tau_m, space);
+    return 1;
 }
 
 /*

@@ -497,6 +497,37 @@ static inline void hold_interval(real *s, const layout *l, real *tau_m)
 }
 
 /*
+ * Deflections of the gears in the window from their torques; keep: those at the end of the
+ * interval are carried on to the next update.
+ */
+static inline int deflections_in_window(real *s, const layout *l, gears *g, int keep)
+{
+    const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval;
+    real *space = s + l->space, last_stiffness[NG];
+    if (!begin_gears(g, head_in(s)->period / (real)samples_per_interval, s + l->now, space) ||
+        !static_deflections(
+            s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
+        return 0;
+    }
+    for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
+        real value[NG], stiffness[NG];
+        if (k >= BACK && k <= BACK + samples_per_interval + l->ahead &&
+            !advance_gears(g, k == BACK, s + l->tau + k * NG, 1, NG, space)) {
+            return 0;
+        }
+        if (keep && g->slow && k == BACK + samples_per_interval) {
+            copy(g->now, NG, s + l->now);
+        }
+        if (evaluate_gear_law(s + l->deflection + k * NG, value, stiffness, space) != ELBOW_OK) {
+            return 0;
+        }
+        lagged_deflections(
+            g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
+    }
+    return 1;
+}
+
+/*
  * Motors in the interval; the deflections of the gears are carried on from update to update. step,
  * output_step: of the motor torques and of the output at its start; steps at rest are not counted.
  */
@@ -505,27 +536,10 @@ static inline int motors_in_interval(
 {
     const ptrdiff_t samples_per_interval = head_in(s)->samples_per_interval;
     const int is_first = !head_in(s)->is_predicted;
-    real *space = s + l->space, *torque = s + l->torque, last_stiffness[NG];
+    real *space = s + l->space, *torque = s + l->torque;
     gears g;
-    if (!begin_gears(&g, head_in(s)->period / (real)samples_per_interval, s + l->now, space) ||
-        !static_deflections(
-            s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
+    if (!deflections_in_window(s, l, &g, 1)) {
         return ELBOW_RESULT_NOT_FINITE;
-    }
-    for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
-        real value[NG], stiffness[NG];
-        if (k >= BACK && k <= BACK + samples_per_interval + l->ahead &&
-            !advance_gears(&g, k == BACK, s + l->tau + k * NG, 1, NG, space)) {
-            return ELBOW_RESULT_NOT_FINITE;
-        }
-        if (g.slow && k == BACK + samples_per_interval) {
-            copy(g.now, NG, s + l->now);
-        }
-        if (evaluate_gear_law(s + l->deflection + k * NG, value, stiffness, space) != ELBOW_OK) {
-            return ELBOW_RESULT_NOT_FINITE;
-        }
-        lagged_deflections(
-            &g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
     }
     for (ptrdiff_t k = 0; k <= samples_per_interval + l->ahead; ++k) {
         const real *tau = s + l->tau + (k + BACK) * NG,
@@ -535,7 +549,8 @@ static inline int motors_in_interval(
         copy(joint, NG, q);
         copy(joint + NG, NG, v);
         copy(joint + 2 * NG, NG, a);
-        if (!motors_at_sample(&g, tau, deflection, q, v, a, q_m, v_m, tau_m, space)) {
+        if (!deflect_joints(&g, tau, deflection, q, v, a, space) ||
+            !motors_of(q, v, a, tau, q_m, v_m, tau_m, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
         if (k == 0) {

@@ -594,18 +594,16 @@ static inline real kinematic_mismatch(const results *r, real *of_torques)
     return worst;
 }
 
-/* Motors at the samples, through the gears. */
-static inline int motors_at_samples(const results *r, real *space)
+/* Deflections of the gears at the samples from their torques. */
+static inline int deflections_at_samples(const results *r, gears *state, real *space)
 {
     const gear_rows *g = &r->gear;
     const ptrdiff_t known = r->samples + BEYOND, lagged = r->samples + MARGIN;
     real first[NG];
-    gears state;
-    motor_points p;
     hold_ends(g, g->tau, known);
     for (ptrdiff_t at = 0; at < known; at += POINTS) {
         if (!static_deflections_at(g, at, space)) {
-            return ELBOW_RESULT_NOT_FINITE;
+            return 0;
         }
     }
     hold_ends(g, g->deflection, known);
@@ -613,21 +611,39 @@ static inline int motors_at_samples(const results *r, real *space)
     for (int i = 0; i < NG; ++i) {
         first[i] = g->deflection[i * g->apart];
     }
-    if (!begin_gears(&state, r->p->period, first, space) ||
-        !lagged_rows(g, &state, lagged, space)) {
-        return ELBOW_RESULT_NOT_FINITE;
+    if (!begin_gears(state, r->p->period, first, space) || !lagged_rows(g, state, lagged, space)) {
+        return 0;
     }
     hold_ends(g, g->lagged, lagged);
-    for (ptrdiff_t at = 0; at < r->samples; at += POINTS) {
-        const int used = r->samples - at < POINTS ? (int)(r->samples - at) : (int)POINTS;
-        for (int l = 0; l < POINTS; ++l) {
-            const ptrdiff_t k = (at + (l < used ? l : used - 1)) * NA;
-            for (int i = 0; i < NG; ++i) {
-                p.q[i][l] = r->q_a[k + i_g[i]];
-                p.v[i][l] = r->v_a[k + i_g[i]];
-                p.a[i][l] = r->a_a[k + i_g[i]];
-            }
+    return 1;
+}
+
+/* Motion of the joints at samples `at` and following ones; the last one again after it. */
+static inline int load_joints_at(const results *r, ptrdiff_t at, motor_points *p)
+{
+    const int used = r->samples - at < POINTS ? (int)(r->samples - at) : (int)POINTS;
+    for (int l = 0; l < POINTS; ++l) {
+        const ptrdiff_t k = (at + (l < used ? l : used - 1)) * NA;
+        for (int i = 0; i < NG; ++i) {
+            p->q[i][l] = r->q_a[k + i_g[i]];
+            p->v[i][l] = r->v_a[k + i_g[i]];
+            p->a[i][l] = r->a_a[k + i_g[i]];
         }
+    }
+    return used;
+}
+
+/* Motors at the samples, through the gears. */
+static inline int motors_at_samples(const results *r, real *space)
+{
+    const gear_rows *g = &r->gear;
+    gears state;
+    motor_points p;
+    if (!deflections_at_samples(r, &state, space)) {
+        return ELBOW_RESULT_NOT_FINITE;
+    }
+    for (ptrdiff_t at = 0; at < r->samples; at += POINTS) {
+        const int used = load_joints_at(r, at, &p);
         if (!add_deflections(g, &state, at, &p, space) || !motors_of_points(g, at, &p, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
