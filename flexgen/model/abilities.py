@@ -251,7 +251,7 @@ def _find_circle(robot: RobotModel) -> str:
     stages = zip(robot.i_g, rotor_stages(robot), strict=True)
     circle = [robot.coordinates[i].name for i, stage in stages if stage < 0]
     if circle:
-        return f"model {robot.name}: joint {circle[0]} turns a motor whose torque it needs"
+        return f"model {robot.name}: joint {circle[-1]} turns a motor whose torque it needs"
     if not (hysteretic_joints(robot) or harmonic_sums(robot)):
         return ""
     return f"model {robot.name} has motor_coupling 'complete' with hysteresis or harmonics"

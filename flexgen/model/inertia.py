@@ -157,11 +157,16 @@ def turning_coordinates(model: RobotModel) -> tuple[frozenset[int], ...]:
 
 def rotor_stages(model: RobotModel) -> tuple[int, ...]:
     """Stages (n_g) in which the torques of the gears follow from each other in complete motor
-    coupling: 0 where no other rotor is known before, 1 where the rotors that the coordinate turns
-    need gears of stage 0 only, and so on; -1 where a rotor turns with the joint that it drives.
+    coupling: 0 where the joint turns no rotor, 1 where the deflections of the gears of the rotors
+    that it turns are known from stage 0, and so on; -1 in a circle. Motors behind rigid gears move
+    with their joints, whatever the torques are.
     """
     turning = turning_coordinates(model)
-    driven = [frozenset(np.flatnonzero(row).tolist()) for row in model.eta]
+    elastic = set(model.i_m)
+    driven = [
+        frozenset(np.flatnonzero(row).tolist()) if j in elastic else frozenset()
+        for j, row in enumerate(model.eta)
+    ]
     before = [
         frozenset().union(*(driven[j] for j in range(model.n_m) if i in turning[j]))
         for i in model.i_g
@@ -170,7 +175,7 @@ def rotor_stages(model: RobotModel) -> tuple[int, ...]:
     stages = [0] * model.n_g
     for _ in range(model.n_g + 1):
         stages = [
-            max((1 + stages[k] for k in gears), default=0) if carries[i] else 0
+            max((1 + stages[k] for k in gears), default=1) if carries[i] else 0
             for i, gears in enumerate(before)
         ]
     # without a circle no gear has more gears before it than there are others

@@ -32,9 +32,11 @@ from flexgen.model.format import format_devices, format_robot
 ROOT = Path(__file__).resolve().parents[2]
 # Rows of which another row, or the robot without a feature, is the example.
 SHARED = {
+    "complete coupling behind springs",
     "friction with a state and harmonics",
     "loose spring",
     "no elastic coordinates",
+    "no complete coupling",
     "no friction by load",
     "no harmonics",
     "no sensors",

@@ -121,6 +121,13 @@ CHANGES: dict[str, dict[str, Any] | str] = {
         "motor.m2.axis": [0, 1, 0],
         "motor.m2.carrier": "upper",
     },
+    "complete coupling in a circle": {
+        "motor_coupling": "complete",
+        "motor.m1.axis": [0, 1, 0],
+        "motor.m1.carrier": "base",
+        "motor.m2.axis": [0, 1, 0],
+        "motor.m2.carrier": "fore",
+    },
     "elastic coordinates": BENT + SPRING,
     "beam": BEAM,
     "mechanism": BENT + "mimic = { q2 = -1.0 }\n",

@@ -1,9 +1,9 @@
-"""Baselines for comparison: rigid, flexible-joint and quasi-static feedforward, and exact feedforward
-without the coupling of the rotors.
+"""Baselines for comparison: rigid, flexible-joint and quasi-static feedforward, and exact
+feedforward without the coupling of the rotors.
 
-The first three follow the path with the kinematics of their own simpler model and take the torque from
-it; simulated on the full model they have a tool error. None starts before the path. With q_e the
-non-actuated coordinates and q_g the actuated ones:
+The first three follow the path with the kinematics of their own simpler model and take the torque
+from it; simulated on the full model they have a tool error. None starts before the path. With q_e
+the non-actuated coordinates and q_g the actuated ones:
 
 rigid         q_e = 0, gears stiff:      q_m = eta q_g,
 tau_m = J_m a_m + f(v_m) + eta^-T (M a + c + g)_g
