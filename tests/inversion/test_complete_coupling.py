@@ -164,7 +164,7 @@ def test_c_has_the_torques_of_python_and_streams_those_of_whole_paths(name: str)
     equations = flexgen.derive(robot)
     rows = evaluate(equations.function("inversion_rows"), *arm)[0].reshape(len(whole.t), -1)
     jet = differentiate(rows, PERIOD)
-    tau_g = motor_side.coupled_torques(equations, whole.t, *arm, jet)
+    tau_g = motor_side.couple_torques(equations, whole.t, *arm, jet)
     motors = motor_side.motor_motion(equations, whole.t, *arm, tau_g)
     assert np.abs(motors.tau_m - whole.tau_m)[20:-20].max() < 1e-6 * scale
     assert np.abs(tau_g[:, :, 0] - whole.tau_g)[20:-20].max() < 1e-6 * np.abs(whole.tau_g).max()

@@ -26,14 +26,14 @@ MODELS = Path(__file__).parents[2] / "models"
 # name: motors, actuated, non-actuated, degrees of freedom, variants
 COUNTS = {
     "planar5_mp": (2, 2, 1, 5, ("undamped",)),
-    "planar5_nmp": (2, 2, 1, 5, ("undamped", "soft")),
+    "planar5_nmp": (2, 2, 1, 5, ("undamped", "soft", "coupled")),
     "planar5_soft": (2, 2, 1, 5, ("undamped", "light")),
     "elbow": (2, 2, 0, 4, ("fjm", "rigid", "payload")),
     "four_mass": (1, 1, 2, 4, ("high", "low", "piecewise")),
     "abb_arm": (1, 1, 1, 3, ("viscous",)),
-    "manutec_r3": (6, 6, 0, 9, ()),
+    "manutec_r3": (6, 6, 0, 9, ("coupled",)),
     "manutec_r3_efjm": (6, 6, 12, 21, ()),
-    "manutec_r3_18": (6, 6, 6, 18, ()),
+    "manutec_r3_18": (6, 6, 6, 18, ("coupled",)),
     "manutec_r3_24": (6, 6, 12, 24, ()),
     "manutec_r3_30": (6, 6, 18, 30, ()),
     "kr300": (6, 6, 0, 9, ("backlash", "encoders")),

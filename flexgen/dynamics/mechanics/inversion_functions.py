@@ -92,11 +92,11 @@ def row_ports(system: System, left: ca.SX) -> Built:
     tau_g = force[list(model.i_g)]
     if not model.i_e:
         return inputs, names, [tau_g], ["tau_g"]
-    row = force[list(model.i_e)] - lag.tau_e + turned_rotors(system)
+    row = force[list(model.i_e)] - lag.tau_e + rotor_rows(system)
     return inputs, names, [tau_g, row], ["tau_g", "row"]
 
 
-def turned_rotors(system: System) -> ca.SX:
+def rotor_rows(system: System) -> ca.SX:
     """Forces (n_e) on the rows without motor of rotors that coordinates without motor turn, in
     complete motor coupling.
 
@@ -129,7 +129,7 @@ def derivative_ports(system: System, of_output: list[ca.SX], of_left: list[ca.SX
     names = ["dy1_dq", "dy2_dq", "dy2_dv"]
     if e:
         row, by_q, by_v, by_a = of_left
-        force = lag.arm_forces[e] + lag.tau_e - turned_rotors(system)
+        force = lag.arm_forces[e] + lag.tau_e - rotor_rows(system)
         of_output = [
             *of_output,
             row - force,

@@ -38,7 +38,6 @@ from flexgen.base.numerics.evaluate import evaluate
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.methods.method_result import MethodResult
-from flexgen.inversion.methods.method_table import find_method
 from flexgen.inversion.problem.motor_side import MotorMotion, motor_motion, motors_behind
 from flexgen.inversion.problem.problem import InversionProblem
 from flexgen.inversion.problem.reduced_problem import Motion, Reduction
@@ -91,12 +90,11 @@ def quasistatic(problem: InversionProblem, h: float) -> MethodResult:
     return _result(t, motion, motors)
 
 
-def simplified(problem: InversionProblem, h: float) -> MethodResult:
+def without_coupling(problem: InversionProblem, h: float) -> MethodResult:
     """Exact feedforward of a robot in complete motor coupling, as if its rotors turned with their
     gears alone; ``h`` [s]: length of the intervals. No options.
     """
-    from flexgen.inversion.choice import default_method
-    from flexgen.inversion.refinement import run_method
+    from flexgen.inversion.methods import closed_form, lq  # here: the others need no compiler
 
     problem.check_options("simplified")
     model = problem.equations.model
@@ -106,9 +104,8 @@ def simplified(problem: InversionProblem, h: float) -> MethodResult:
             "expected motor_coupling = 'complete'"
         )
     simple = replace(model, motor_coupling="simplified")
-    method = find_method(default_method(simple, None))
-    result = run_method(method, replace(problem, equations=Equations(simple)), h)
-    return replace(result, status=Status.BASELINE)
+    solve = lq.solve if simple.n_e else closed_form.solve
+    return replace(solve(replace(problem, equations=Equations(simple)), h), status=Status.BASELINE)
 
 
 def stiff_motion(reduction: Reduction, path: Path, t: np.ndarray) -> Motion:

@@ -14,7 +14,7 @@ from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.inversion.judge.status import Status
 from flexgen.inversion.problem.motor_side import (
     MotorMotion,
-    coupled_torques,
+    couple_torques,
     motor_motion,
 )
 from flexgen.inversion.problem.problem import HELD
@@ -92,7 +92,7 @@ def with_motors(
     preactuation, verdict, iterations, intervals
         As in `MethodResult`.
     """
-    tau_g = coupled_torques(equations, t, motion.q, motion.v, motion.a, motion.tau_g)
+    tau_g = couple_torques(equations, t, motion.q, motion.v, motion.a, motion.tau_g)
     return MethodResult(
         t,
         motion.q,

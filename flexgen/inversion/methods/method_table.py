@@ -120,7 +120,7 @@ BASELINES = (
         "simplified",
         "baseline: exact, but for complete coupling of the rotors",
         "flexgen.inversion.methods.baselines",
-        "simplified",
+        "without_coupling",
         refines=False,
         any_coupling=True,
     ),

@@ -8,7 +8,7 @@ A gear with the deflection p carries ``D p' + spring(p) = tau_g``; the motor fol
 With Fourier sums of the motor angles: `flexgen.dynamics.mechanics.motor_harmonics`.
 In complete motor coupling the rotors also turn with their carriers. The torque of a gear then
 depends on the accelerations of the motors that its joint turns, and these on the torques of their
-own gears: the gears follow in stages, from the last joint to the first (`coupled_torques`).
+own gears: the gears follow in stages, from the last joint to the first (`couple_torques`).
 Without damping p is algebraic and p'' needs tau_g'' (the fourth derivative of the path); with
 damping p obeys a stable first-order equation, which starts at rest, and p'' needs tau_g' only.
 """
@@ -100,7 +100,7 @@ def motors_behind(
     return MotorMotion(found.q_m, found.v_m, found.a_m, tau_m)
 
 
-def coupled_torques(
+def couple_torques(
     equations: Equations,
     t: np.ndarray,
     q: np.ndarray,

@@ -27,7 +27,7 @@ from flexgen.base.calls.progress import Progress, silent
 from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.numerics.evaluate import Evaluator, evaluate
 from flexgen.dynamics.mechanics.equations import Equations
-from flexgen.dynamics.mechanics.inversion_functions import turned_rotors
+from flexgen.dynamics.mechanics.inversion_functions import rotor_rows
 from flexgen.dynamics.mechanics.outputs import OutputMap, output_map
 from flexgen.dynamics.mechanics.statics import Equilibrium, balance, hold_output
 from flexgen.model.abilities import obstacle
@@ -105,7 +105,7 @@ class Reduction:
         W = self._output.rate
         arm = self.equations.function("inverse_dynamics")(q, v, a) - lag.arm_forces
         row = ca.vertcat(ca.SX(0, 1), *[arm[i] for i in self.i_e]) - lag.tau_e
-        row = row + turned_rotors(self.equations)
+        row = row + rotor_rows(self.equations)
         tau = arm[self.i_g]
         graph = {
             "q": q,
