@@ -30,7 +30,6 @@ from flexgen.model.friction import (
     hysteretic_joints,
     loaded_motors,
 )
-from flexgen.model.inertia import rotor_stages, turning_coordinates
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -237,6 +236,10 @@ def _find_coupling(robot: RobotModel) -> str:
 
 def _find_springs_that_turn(robot: RobotModel) -> str:
     """A coordinate without motor that turns a motor, in complete motor coupling."""
+    if robot.motor_coupling == "simplified":
+        return ""
+    from flexgen.model.inertia import turning_coordinates  # here: most robots need it not
+
     for motor, turning in zip(robot.motors, turning_coordinates(robot), strict=True):
         found = [robot.coordinates[i].name for i in robot.i_e if i in turning]
         if found:
@@ -248,6 +251,8 @@ def _find_circle(robot: RobotModel) -> str:
     """Why the torques of the gears do not follow from each other in complete motor coupling."""
     if robot.motor_coupling == "simplified":
         return ""
+    from flexgen.model.inertia import rotor_stages
+
     stages = zip(robot.i_g, rotor_stages(robot), strict=True)
     circle = [robot.coordinates[i].name for i, stage in stages if stage < 0]
     if circle:
