@@ -29,7 +29,6 @@ from flexgen.dynamics.mechanics.motor_harmonics import carried_along, friction_a
 from flexgen.dynamics.mechanics.statics import gear_damping, gear_deflection
 from flexgen.model.abilities import obstacle
 from flexgen.model.elements import LinearSpring
-from flexgen.model.inertia import rotor_stages
 
 # of a sampling interval: gears with a time constant D / K below it are nearly algebraic
 INSTANT = 5e-3
@@ -122,6 +121,10 @@ def couple_torques(
         For rotors at rest; the result in simplified motor coupling.
     """
     model = equations.model
+    if obstacle(model, "simplified coupling") is None:
+        return tau_g
+    from flexgen.model.inertia import rotor_stages  # here: most robots need it not
+
     passes = max(rotor_stages(model), default=0)
     if passes == 0:
         return tau_g
