@@ -93,7 +93,7 @@ def test_an_arm_with_six_axes_is_inverted_in_closed_form(monkeypatch: pytest.Mon
     assert (solution.method, solution.status) == ("closed-form", Status.SOLVED)
     assert (solution.tool_error_max_m or 1) < 1e-3 * MICRON
     # planted: rotors at rest
-    monkeypatch.setattr(inertia, "rotor_stages", lambda model: [0])
+    monkeypatch.setattr(inertia, "rotor_stages", lambda model: (0,) * 6)
     careless = flexgen.solve(robot, "line", method="closed-form")
     assert careless.status == Status.TOLERANCE_NOT_MET
     assert (careless.tool_error_max_m or 0) > 100 * MICRON
