@@ -162,7 +162,8 @@ class Updated:
         library = inversion_library(self.there.equations, "lq", ("stream",), native=native)
         sizes = [library.sizes[key] for key in ("n_t", "n_y", "n_a", "n_g", "n_m")]
         numbers = [case.intervals, parts, case.period, TOLERANCE, self.updates, *sizes]
-        command = [str(program), str(library_file(library)), case.robot, *map(str, numbers)]
+        prefix = case.robot.replace("@", "_")  # of the names in C
+        command = [str(program), str(library_file(library)), prefix, *map(str, numbers)]
         answers = [
             subprocess.run(
                 command, input=self.given.tobytes(), capture_output=True, check=True

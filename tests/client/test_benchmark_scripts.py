@@ -37,6 +37,7 @@ SHORTEST = {
     "compilers/compilers.py": ["elbow"],
     "control.py": ["--quick"],
     "feedback_study.py": ["--quick"],
+    "coupling/coupling.py": ["--quick"],
     "forces/hysteresis.py": ["--quick"],
     "forces/milling.py": ["--quick"],
     "identification.py": ["--quick"],

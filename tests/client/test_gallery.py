@@ -199,6 +199,14 @@ def check_elastic_rods(rows: dict[str, list[str]]) -> None:
     assert largest[0] < 0.1 < 50.0 < largest[1] < largest[2] < largest[3]  # um
 
 
+def check_coupled_rotors(rows: dict[str, list[str]]) -> None:
+    without, exact = zip(
+        *(numbers(rows[name])[:2] for name in ("0.001", "0.0025", "0.01")), strict=True
+    )
+    assert 100.0 < without[0] < without[1] < without[2]  # um
+    assert max(exact) < 0.1
+
+
 CHECKS = {
     name.removeprefix("check_"): check
     for name, check in list(globals().items())
