@@ -212,8 +212,8 @@ def test_a_wrong_path_and_model(tmp_path):
 
 
 def test_a_model_without_inverse_dynamics_has_no_feedforward(tmp_path):
-    model = replace(flexgen.read("four_mass"), motor_coupling="complete")
-    with pytest.raises(ArgumentError, match=r"block 'feedforward': .*motor_coupling 'complete'"):
+    model = flexgen.read("planar5_nmp@coupled", overrides={"motor.m2.carrier": "arm2"})
+    with pytest.raises(ArgumentError, match=r"block 'feedforward': .*joint q2 turns a motor"):
         flexgen.export_fmu(model, tmp_path / "robot.fmu", block="feedforward")
     with pytest.raises(ArgumentError, match=r"look_ahead: given 0\.0123 s"):
         flexgen.export_fmu(
