@@ -46,6 +46,7 @@ HYSTERETIC = "hysteretic_elbow"
 CURVED = "curved_elbow"
 LIMITED = "limited_planar"  # with the part "limits"
 HARMONIC = "harmonic_elbow"  # with it too
+COUPLED = "coupled_planar"  # complete motor coupling
 
 
 @cache
@@ -60,6 +61,8 @@ def equations(name: str) -> Equations:
         return derive(replace(with_elements("elbow", BENT), name=CURVED))
     if name == HARMONIC:
         return derive(replace(harmonic("elbow"), name=HARMONIC))
+    if name == COUPLED:
+        return derive(replace(derive("planar5_nmp@coupled").model, name=COUPLED, variant=""))
     if name == LIMITED:
         return derive(replace(derive("planar5_nmp").model, name=LIMITED))
     return derive(name)
@@ -68,7 +71,8 @@ def equations(name: str) -> Equations:
 @cache
 def spec(name: str) -> LibrarySpec:
     functions = [f for f in INVERSION if f != "inversion_jacobians" or equations(name).model.n_e]
-    return library_spec(equations(name), functions + ["motor_harmonics"] * (name == HARMONIC))
+    functions += ["motor_harmonics"] * (name == HARMONIC) + ["rotor_coupling"] * (name == COUPLED)
+    return library_spec(equations(name), functions)
 
 
 @cache
@@ -156,6 +160,7 @@ def test_no_recommendation_at_a_singular_pose():
         (LIMITED, "double"),
         (LIMITED, "single"),
         ("planar5_nmp", "double"),
+        (COUPLED, "double"),
         ("beam_arm", "double"),
         ("planar5_nmp", "single"),
     ],
@@ -195,7 +200,7 @@ def test_the_constants_are_constant_expressions(language, tmp_path):
         "elbow",
         *(
             pytest.param(x, marks=pytest.mark.slow)
-            for x in ("planar5_nmp", LIMITED, HARMONIC, BRISTLED)
+            for x in ("planar5_nmp", LIMITED, HARMONIC, BRISTLED, COUPLED)
         ),
     ],
 )
