@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 import flexgen
+from flexgen.codegen.build.model_library import library_with
 from flexgen.codegen.recursion import arm
 from flexgen.codegen.recursion.functions import fast_function, recursive_function
 from flexgen.codegen.recursion.rods import with_rods_as_bodies
 from flexgen.dynamics.mechanics import closed_loops, kinematics
+from flexgen.dynamics.mechanics.signatures import INVERSION
 from flexgen.model.format.closure import closed_values, closure, home_closure, passive_joints
 from flexgen.model.inertia import mass_matrix
 from tests.support.linkages import FOUR_BAR, drawn_text, home_of, read_text
@@ -207,3 +209,39 @@ def test_rods_without_a_loop_stay_lines() -> None:
     assert names == ["drive_mass"]
     arm_model = flexgen.read("kr300_balancer")
     assert with_rods_as_bodies(arm_model) is arm_model
+
+
+def test_states_whose_loops_cannot_be_closed_give_nan(tmp_path: Path) -> None:
+    """A crank that is stretched beyond the reach of the coupler, by a Newton iteration that does
+    not converge; and closed states far from home, where it does.
+    """
+    model = read_text(tmp_path, drawn_text(np.random.default_rng(0), True))
+    torque = fast_function(flexgen.derive(model), "inverse_dynamics")
+    assert torque is not None
+    still = np.zeros(model.n_a)
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        turned = home_of(model) + rng.uniform(-1.5, 1.5, model.n_a) * np.array([1, 0.1, 1, 0.01])
+        assert np.isfinite(np.array(torque(turned, still, still))).all()
+        with pytest.raises(flexgen.ArgumentError, match="open by"):
+            closed_values(model, turned + np.array([0.0, 0.0, 0.0, 2.0]))
+        found = np.array(torque(turned + np.array([0.0, 0.0, 0.0, 2.0]), still, still))
+        assert np.isnan(found).all()
+
+
+@pytest.mark.slow
+def test_emitted_functions_refuse_states_that_cannot_be_closed(tmp_path: Path) -> None:
+    """A status and no torque, of points and of whole paths."""
+    model = read_text(tmp_path, drawn_text(np.random.default_rng(0), True))
+    library = library_with(model, ["inverse_dynamics", *INVERSION], ("invert",))
+    still = np.zeros((1, model.n_a))
+    home = home_of(model)[None]
+    assert np.isfinite(library.inverse_dynamics(home, still, still)).all()
+    far = home + np.array([0.0, 0.0, 0.0, 2.0])
+    with pytest.raises(flexgen.SolverError, match="not finite"):
+        library.inverse_dynamics(far, still, still)
+    y = np.tile(home[:, list(model.i_g)], (101, 1))
+    motion = {"y": y, "dy": 0 * y, "ddy": 0 * y, "period": 2e-3, "n_pre": 10, "n_post": 10}
+    assert np.isfinite(library.invert(**motion, q_start=home[0]).tau_m).all()
+    with pytest.raises(flexgen.SolverError):
+        library.invert(**motion, q_start=far[0])

@@ -298,6 +298,19 @@ def _list_calls(spec: LibrarySpec, written: Iterable[FunctionText]) -> str:
     )
 
 
+def _closure(spec: LibrarySpec) -> list[str]:
+    """The paragraph on closed loops, where there are some."""
+    if not spec.loops:
+        return []
+    return [
+        f"The loops {', '.join(spec.loops)} are closed at the coordinates given, on the branch of "
+        "the home position and step by step from there. Where they cannot be closed, or this "
+        "iteration of fixed length has not come to its end, all outputs are NaN, and the status "
+        "is RESULT_NOT_FINITE: no torque of an open loop is returned.",
+        "",
+    ]
+
+
 def _manual(spec: LibrarySpec, called: str) -> list[str]:
     """The paragraphs at the top of the header."""
     name = spec.name
@@ -351,6 +364,7 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         "written. Angles, and sums of angles of parallel joints, must stay within the range of "
         f"the sine: {'1e6' if spec.precision == 'double' else '1e4'} rad.",
         "",
+        *_closure(spec),
         f"{name}_batch.h has the same functions for many points"
         + (
             f", {name}_inversion.h inverse dynamics along whole paths and streams"

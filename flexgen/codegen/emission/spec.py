@@ -154,6 +154,8 @@ class LibrarySpec:
         For each motor the coordinates it drives and the ratios: its row of ``eta``.
     rotor_inertias : tuple of float
         Of each motor, motor side [kg m^2].
+    loops : tuple of str
+        Names of the closed loops.
     accuracy : tuple of str
         Standard deviations of the numbers, such as ``"q1.stiffness 3 %"``, where the model file
         has them.
@@ -188,6 +190,7 @@ class LibrarySpec:
     gravity: tuple[float, ...]
     gears: tuple[tuple[tuple[str, float], ...], ...]
     rotor_inertias: tuple[float, ...]
+    loops: tuple[str, ...] = ()
     accuracy: tuple[str, ...] = ()
     precision: str = "double"
     parameters: tuple[Parameter, ...] = ()
@@ -399,6 +402,7 @@ def library_spec(
             for m in model.motors
         ),
         rotor_inertias=tuple(float(m.inertia) for m in model.motors),
+        loops=tuple(loop.name for loop in model.loops),
         accuracy=_accuracy(model),
         precision=precision,
         parameters=parameters,

@@ -12,6 +12,9 @@ closed form, the triangle of two levers:
 with the sign of the home position. All others are solved together, by a Newton iteration of fixed
 length that starts at the home position and follows the straight line from there.
 
+Where the loops cannot be closed the joints are NaN: the root r of a negative number, or an
+iteration that has not come to its end.
+
 Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 8; the triangle: K. Waldron,
 G. Kinzel, Kinematics, Dynamics, and Design of Machinery, 1999, ch. 5.
 """
@@ -41,12 +44,15 @@ from flexgen.model.format.closure import (
 ALIGNED = 1e-12
 # Positions on the line from home at which the Newton iteration makes one step each, and steps at
 # the end: it doubles its digits from the 2 or 3 that the last of these positions leaves.
-STAGES = 4
+STAGES = 12
 LAST_STEPS = 4
 # Before the last three steps the joints are rounded to multiples of this, in rad or m: a constant
 # for derivatives, which these steps alone then carry. Each step doubles the order of derivatives
 # that it has right, so those up to the seventh are.
 GRAIN = 2.0**-30
+# Largest change of the joints in the last step, in rad or m: what is left is its square. Joints
+# that change more are not closed, and become NaN.
+LAST_CHANGE = 1e-6
 
 Joints = dict[str, ca.SX]
 Plane = tuple[ca.SX, ca.SX]  # a vector in a plane
@@ -283,10 +289,15 @@ def _by_newton(
         part = min(1.0, k / STAGES)
         here = target if part == 1.0 else start + part * way
         e, A = step(here, now)
-        now = now - solve_square(A, e)
+        change = solve_square(A, e)
+        now = now - change
         if k == STAGES:
             now = ca.floor(now / GRAIN + 0.5) * GRAIN
-    return dict(zip(unknown, ca.vertsplit(now), strict=True))
+    closed = ca.dot(change, change) < LAST_CHANGE**2
+    return {
+        name: ca.if_else(closed, x, np.nan)
+        for name, x in zip(unknown, ca.vertsplit(now), strict=True)
+    }
 
 
 def independent_errors(
