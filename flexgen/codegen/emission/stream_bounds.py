@@ -89,7 +89,8 @@ def stream_operations(
     if has.stages:  # a pass for each stage, and the motors after them
         coupling = operations["rotor_coupling"] + 4 * n_g * n_m + 40 * n_g
         motors += coupling
-        spring, radau = (1 + has.stages) * spring, (1 + has.stages) * radau
+        spring = (1 + has.stages) * spring
+        radau = (1 + has.stages) * radau
         motors += has.stages * (gear + coupling)
     # the window of samples around the interval, in groups of points; a guess that fails is made
     # again
