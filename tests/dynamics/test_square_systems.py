@@ -69,3 +69,25 @@ def test_blocks_without_connection_make_no_operations() -> None:
         1 for k in range(together.n_instructions()) if together.instruction_id(k) == ca.OP_MUL
     )
     assert found == 2 * count
+
+
+def test_constant_coefficients_are_eliminated_first() -> None:
+    """Three unknowns that move three pairs of equations alike, as a platform that translates:
+    their columns would make all others dense.
+    """
+    rng = np.random.default_rng(0)
+    lines = []
+    for k in range(3):
+        own = [ca.SX(3, 2)] * 3
+        own[k] = ca.SX.sym(f"arm_{k}", 3, 2)
+        lines.append((own[k], ca.horzcat(*own, ca.SX.eye(3))))
+    A = ca.vertcat(*[row for _, row in lines])
+    arms = [arm for arm, _ in lines]
+    b = ca.SX.sym("b", 9)
+    solve = ca.Function("solve", [*arms, b], [A, solve_square(A, b)])
+    given = [rng.standard_normal((3, 2)) for _ in arms]
+    right = rng.standard_normal(9)
+    matrix, found = (np.array(x) for x in solve(*given, right))
+    assert np.abs(matrix @ found.ravel() - right).max() < 1e-13
+    # all entries symbols: 937 operations
+    assert solve.n_instructions() < 600

@@ -264,9 +264,11 @@ def joint_motions(model: RobotModel, q_a: ca.SX, v_a: ca.SX) -> dict[str, tuple[
     if model.loops:
         from flexgen.dynamics.mechanics.closed_loops import closed_joints
 
-        for name, q in closed_joints(model, q_a).items():
-            if name not in out:
-                out[name] = q, ca.jtimes(q, q_a, v_a)
+        passive = {name: q for name, q in closed_joints(model, q_a).items() if name not in out}
+        # together, since they share the iteration
+        speeds = ca.jtimes(ca.vertcat(*passive.values()), q_a, v_a)
+        for k, (name, q) in enumerate(passive.items()):
+            out[name] = q, speeds[k]
     return out
 
 

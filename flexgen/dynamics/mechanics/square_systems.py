@@ -2,9 +2,11 @@
 
     A X = B
 
-The matrix is permuted to block triangular form. Blocks of one to three rows are solved by their
-determinants, larger ones by orthogonalization of their columns, so no pivot can vanish where the
-matrix is regular: elimination with pivots that are chosen at one position would fail at others.
+Unknowns with a constant coefficient are eliminated by it, as those of a platform that translates.
+The rest of the matrix is permuted to block triangular form. Blocks of one to three rows are solved
+by their determinants, larger ones by orthogonalization of their columns, so no pivot can vanish
+where the matrix is regular: elimination with pivots that are chosen at one position would fail at
+others.
 
 Source: block triangular form: A. Pothen, C.-J. Fan, ACM Trans. Math. Softw. 16(4), 1990;
 modified Gram-Schmidt with the right side as a further column: N. Higham, Accuracy and Stability of
@@ -23,28 +25,83 @@ Column = list[ca.SX]
 
 def solve_square(A: ca.SX, B: ca.SX) -> ca.SX:
     """``X`` (n, m) with ``A X = B``, A (n, n) regular; structural zeros make no operations."""
-    A = ca.sparsify(A)
-    count, rows, columns, first_row, _, _, _ = A.sparsity().btf()
+    n = A.shape[0]
+    left = {i: [A[i, j] for j in range(n)] for i in range(n)}
+    right = {i: [B[i, k] for k in range(B.shape[1])] for i in range(n)}
+    gone = _eliminate_constants(left, right)
+    columns = [j for j in range(n) if j not in [pivot for _, pivot in gone]]
+    used = [row for row, _ in gone]
+    rest = {i: line for i, line in left.items() if i not in used}
+    found = _solve_blocks(rest, right, columns)
+    for i, j in reversed(gone):
+        line = right[i]
+        for k, solved in found.items():
+            line = subtract_share(line, left[i][k], solved)
+        found[j] = [_times(x, 1 / left[i][j]) for x in line]
+    return ca.sparsify(ca.vertcat(*[ca.horzcat(*found[j]) for j in range(n)]))
+
+
+def _eliminate_constants(
+    left: dict[int, Column], right: dict[int, Column]
+) -> list[tuple[int, int]]:
+    """Eliminate unknowns by equations in which they have a constant coefficient: pairs (equation,
+    unknown) in order. Changes the other equations in place.
+    """
+    gone: list[tuple[int, int]] = []
+    while True:
+        open_rows = [i for i in left if i not in [row for row, _ in gone]]
+        pivots = [
+            (sum(not x.is_zero() for x in left[i]), i, j)
+            for i in open_rows
+            for j, x in enumerate(left[i])
+            if _is_pivot(x, [left[k][j] for k in open_rows])
+        ]
+        if not pivots:
+            return gone
+        _, i, j = min(pivots)
+        gone.append((i, j))
+        for k in open_rows:
+            if k != i and not left[k][j].is_zero():
+                share = left[k][j] / left[i][j]
+                right[k] = subtract_share(right[k], share, right[i])
+                left[k] = subtract_share(left[k], share, left[i])
+                left[k][j] = ca.SX(0)
+
+
+def _is_pivot(x: ca.SX, column: Column) -> bool:
+    """Whether a coefficient is a constant, and no other one of its unknown is larger."""
+    if not x.is_constant() or not all(y.is_constant() for y in column):
+        return False
+    return 0.0 < abs(float(x)) == max(abs(float(y)) for y in column)
+
+
+def _solve_blocks(
+    left: dict[int, Column], right: dict[int, Column], columns: list[int]
+) -> dict[int, Column]:
+    """The unknowns of ``columns`` from as many equations."""
+    lines = list(left)
     found: dict[int, Column] = {}
-    right = [[B[i, k] for k in range(B.shape[1])] for i in range(B.shape[0])]
+    if not columns:
+        return found
+    A = ca.sparsify(ca.vertcat(*[ca.horzcat(*[left[i][j] for j in columns]) for i in lines]))
+    count, rows, order, first_row, _, _, _ = A.sparsity().btf()
     for block in range(count):
         own = range(first_row[block], first_row[block + 1])
-        at = [columns[k] for k in own]
-        lines = [rows[k] for k in own]
+        at = [columns[order[k]] for k in own]
+        here = [lines[rows[k]] for k in own]
         sides = []
-        for i in lines:
+        for i in here:
             line = right[i]
-            for j in found:
-                if A.sparsity().has_nz(i, j):
-                    line = [x - _times(A[i, j], y) for x, y in zip(line, found[j], strict=True)]
+            for j, solved in found.items():
+                line = subtract_share(line, left[i][j], solved)
             sides.append(line)
         solve = _by_determinant if len(at) <= BY_DETERMINANT else _by_orthogonal_columns
-        matrix = [[A[i, j] for j in at] for i in lines]
-        solved = zip(
+        matrix = [[left[i][j] for j in at] for i in here]
+        solved_lines = zip(
             *(solve(matrix, list(side)) for side in zip(*sides, strict=True)), strict=True
         )
-        found |= dict(zip(at, (list(line) for line in solved), strict=True))
-    return ca.sparsify(ca.vertcat(*[ca.horzcat(*found[j]) for j in range(A.shape[1])]))
+        found |= dict(zip(at, (list(line) for line in solved_lines), strict=True))
+    return found
 
 
 def _times(x: ca.SX, y: ca.SX) -> ca.SX:
@@ -108,4 +165,4 @@ def _by_orthogonal_columns(A: list[Column], b: Column) -> Column:
 
 def subtract_share(x: Column, factor: ca.SX, y: Column) -> Column:
     """``x - factor y``."""
-    return [a - _times(factor, b) for a, b in zip(x, y, strict=True)]
+    return [a if b.is_zero() else a - _times(factor, b) for a, b in zip(x, y, strict=True)]
