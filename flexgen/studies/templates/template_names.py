@@ -7,6 +7,7 @@ TEMPLATES = (
     "scara",
     "palletizer",
     "four-bar",
+    "delta",
     "six-axis",
     "track",
     "counterbalanced",
