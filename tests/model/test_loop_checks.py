@@ -36,6 +36,11 @@ BAD: dict[str, tuple[list[tuple[str, str]], str, list[str]]] = {
         "element.fore.dof.q3.passive",
         ["selects neither", "-101", "deg"],
     ),
+    "elastic loop": (
+        [('name = "bar"\n', 'name = "bar"\nstiffness = 1e6\n')],
+        "loop.bar.stiffness",
+        ["a key of a spring", "a table [[line]]", "a dof with a spring"],
+    ),
     "no loop": (
         [("[[loop]]", "[[loop_]]")],
         "loop_",

@@ -215,6 +215,8 @@ BEAM = Format(
 
 _BASE = "base"
 LOOPS = 16  # closed loops of a robot
+# Keys with which a closed loop would be elastic.
+SPRING_KEYS = ("stiffness", "damping", "spring", "preload", "length")
 
 
 def _check_name(table: Table, here: Context) -> None:
@@ -301,6 +303,18 @@ def _check_loop(table: Table, here: Context) -> None:
         raise table.fail("to", "a frame of another body than that of from")
 
 
+def _check_rigid(table: Table, here: Context) -> None:
+    """Refuse a closed loop with the keys of a spring."""
+    for key in SPRING_KEYS:
+        if key in table:
+            raise table.fail(
+                key,
+                "a loop that is rigid; for a spring between two points a table [[line]], for an "
+                "elastic bearing or rod in the loop a dof with a spring",
+                "a key of a spring",
+            )
+
+
 _ENDS = (
     Key("from", sub(LOOP_FRAME), "one frame", attribute="start"),
     Key("to", sub(LOOP_FRAME), "the other frame", attribute="end", check=_check_loop),
@@ -312,8 +326,9 @@ LOOP = Kinds(
         "axis": Format("origins and z axes coincide, as of a pin", _ENDS, make=Loop),
         "pose": Format("origins and all axes coincide", _ENDS, make=Loop),
     },
-    shared=(Key("name", name("loop"), "name of the loop"),),
+    shared=(Key("name", name("loop"), "name of the loop", check=_check_rigid),),
     default="point",
+    strict=False,
     typed=True,
 )
 
