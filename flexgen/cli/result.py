@@ -5,6 +5,7 @@ Nothing heavy is imported before a verb runs, so that help and usage errors appe
 
 from __future__ import annotations
 
+import re
 from argparse import Namespace
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str], None]  # prints a progress message
 Writer = Callable[[], Path]  # writes a file of a result and returns its path
+# The variants that fits add to a model file.
+OF_FITS = ("calibrated", "commissioned", "identified")
 # By the public function of a verb that fits: the endings of the files that its result can be
 # written to, and the class of it that checks before the fit that a model file can have its
 # numbers.
@@ -198,6 +201,15 @@ def is_interrupted(result: Any) -> bool:
     return INTERRUPTED in (str(getattr(result, "status", "")), getattr(result, "ended", ""))
 
 
+def _words_of_variant(written: Path) -> str:
+    """Where the numbers of a fit are, behind the path of a model file: its last variant."""
+    path = Path(written)
+    if path.suffix != ".toml" or not path.is_file():
+        return ""
+    found = re.findall(r"^\[variant\.(\w+)\]", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return f"; read it as {path}@{found[-1]}" if found and found[-1] in OF_FITS else ""
+
+
 def with_files(
     text: str,
     data: Mapping[str, Any],
@@ -223,7 +235,8 @@ def with_files(
         except KeyboardInterrupt:
             failures.append(f"{key.replace('_', ' ')} not written: interrupted")
             more["interrupted"] = True
-    words = after or {}
+    words = {key: _words_of_variant(path) for key, path in paths.items() if path is not None}
+    words |= after or {}
     lines = "\n".join(
         f"wrote {path}{words.get(key, '')}" for key, path in paths.items() if path is not None
     )

@@ -92,7 +92,7 @@ def test_models(ask, run):
         }
     row = rows["planar5_nmp"]
     assert [row[key] for key in ("n_m", "n_g", "n_e", "dof")] == [2, 2, 1, 5]
-    assert row["variants"] == ["undamped", "soft"]
+    assert row["variants"] == ["undamped", "soft", "coupled"]
     _, text, _ = run("models")
     assert all(name in text for name in rows) and "planar5_nmp@undamped" in text
 

@@ -15,6 +15,7 @@ from verb_arguments import arguments
 import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.base.rows import Data, Prose
+from flexgen.cli.result import with_files
 from flexgen.cli.verbs import control as controls
 from flexgen.cli.verbs import identify as verbs
 from flexgen.identification.motions.time_domain import Validation
@@ -441,3 +442,13 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
     )
     args.passivity = False
     assert "passivity" not in controls.control(args, print).data
+
+
+def test_a_fitted_model_file_is_named_with_its_variant(tmp_path: Path) -> None:
+    """The file alone is still the robot before the fit."""
+    file = tmp_path / "arm.toml"
+    file.write_text("[variant.stiff]\n[variant.commissioned]\n[variant.commissioned.set]\n")
+    answer = with_files("fit", {}, {"out": file})
+    assert answer.text == f"fit\n\nwrote {file}; read it as {file}@commissioned"
+    file.write_text("[variant.stiff]\n")
+    assert with_files("fit", {}, {"out": file}).text == f"fit\n\nwrote {file}"
