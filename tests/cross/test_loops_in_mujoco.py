@@ -53,7 +53,8 @@ def mjcf(model: flexgen.RobotModel) -> str:
             f'type="{"hinge" if dof.type == "rotation" else "slide"}"/>'
             for dof in element.dofs
         )
-        place, link = element.origin, element.link
+        place = element.origin
+        link = element.link
         loads = inertial(element.body)
         children = "".join(
             body_of(e) for e in model.elements if model.parents[e.name] == element.name
