@@ -21,6 +21,7 @@ Matrix = tuple[tuple[float, ...], ...]
 NO_ROTATION: Vector = (0.0, 0.0, 0.0)
 DEGREES = (5, 7, 9, 11)  # of a spline through samples
 LONGEST_NAME = 100
+TOOL_MOVES = ("tool_line", "tool_circle", "tool_polyline")  # that a moving frame can carry
 ORTHOGONAL = 1e-9  # largest error of R R' = 1 of a rotation matrix
 RADIUS = 0.25  # m: a rotation by an angle is counted as a path length of RADIUS times the angle
 
@@ -248,7 +249,10 @@ class Move:
     times the angle. Or ``duration`` and ``timing``, see
     `flexgen.paths.timing.time_laws.SplineLaw`. ``carrier``: motion of the workpiece during a move
     of the tool with a ``duration``. ``posture``: of a robot with more motors than the tool has
-    outputs, how the other joints are chosen; None: least change.
+    outputs, how the other joints are chosen; None: least change. ``frame``: of an element of the
+    robot, such as the table of a positioner, in which a move of the tool is stated and with which
+    it moves. ``fixed_tool``: the frame of a tool that stands in the room, or on an element, while
+    the robot carries the workpiece: the path is that of this tool, in the axes of the workpiece.
 
     Examples
     --------
@@ -282,6 +286,8 @@ class Move:
     smooth: float = 0.0
     carrier: Carrier | None = None
     posture: Posture | None = None
+    frame: WorkFrame | None = None
+    fixed_tool: WorkFrame | None = None
 
     __repr__ = short_repr
 
@@ -357,7 +363,8 @@ class WorkFrame:
     """A frame of a workpiece, a fixture or a table, in which moves are stated: ``p_world =
     position + rotation p``.
 
-    ``position`` [m] and ``rotation`` (a rotation matrix) in world axes.
+    ``position`` [m] and ``rotation`` (a rotation matrix) in world axes; with ``element``, from the
+    tip of this element of the robot, which carries the frame.
 
     Examples
     --------
@@ -371,6 +378,7 @@ class WorkFrame:
     name: str
     position: Vector = (0.0, 0.0, 0.0)
     rotation: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    element: str = ""
 
     def __post_init__(self) -> None:
         R = np.array(self.rotation, dtype=float)
@@ -382,7 +390,8 @@ class WorkFrame:
             )
 
     def place(self, move: Move) -> Move:
-        """A move that is stated in this frame, in world axes.
+        """A move that is stated in this frame, in world axes; of the frame of an element, the move
+        with this frame, which is placed when the move is planned.
 
         Parameters
         ----------
@@ -404,6 +413,14 @@ class WorkFrame:
                 f"move {move.name}: given the type {move.type}, expected a move of the tool or "
                 f"the joints for frame {self.name}"
             )
+        if self.element:
+            if move.type not in TOOL_MOVES or move.carrier is not None:
+                given = f"the type {move.type}" if move.carrier is None else "a carrier"
+                raise ArgumentError(
+                    f"move {move.name}: given {given}, expected {', '.join(TOOL_MOVES)} without a "
+                    f"carrier for frame {self.name}, which element {self.element} carries"
+                )
+            return replace(move, frame=self)
         changed: dict[str, Any] = {
             name: self._turn(getattr(move, name))
             for name in ("displacement", "rotation", "center", "axis")

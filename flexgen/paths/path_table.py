@@ -39,6 +39,7 @@ import numpy as np
 from flexgen.base.errors import ArgumentError
 from flexgen.paths.geometry.blended_curve import BUMP, BlendedCurve, Section
 from flexgen.paths.geometry.carried_curve import CarriedCurve
+from flexgen.paths.geometry.fixed_tool import FixedToolCurve
 from flexgen.paths.geometry.jets import quaternion
 from flexgen.paths.geometry.segments import Arc, Line, Segment, WithAngle
 from flexgen.paths.reference import Reference
@@ -93,7 +94,7 @@ def _segment(segment: TimedSegment, name: str) -> np.ndarray:
     """Numbers of a timed segment: start, duration, space, law, curve; ArgumentError for a curve
     that the sampler in C does not know.
     """
-    if isinstance(segment.curve, CarriedCurve):
+    if isinstance(segment.curve, CarriedCurve | FixedToolCurve):
         raise ArgumentError(
             f"table: given move {name} in a frame that moves, expected one in a frame at rest; "
             "sample it with Path.sample and store the samples"

@@ -53,6 +53,7 @@ COUNTS = {
     "carried_arm": (5, 5, 3, 13, ()),
     "seven_axis": (7, 7, 10, 24, ()),
     "track_arm": (7, 7, 5, 19, ()),
+    "scara_cell": (6, 6, 1, 12, ()),
 }
 
 

@@ -76,6 +76,36 @@ start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
 legs = [{{ displacement = [0.1, 0, 0] }}]
 duration = 1
 smoothness = 5
+[[frame]]
+name = "hand"
+element = "e0"
+position = [0.1, 0, 0]
+[[move]]
+name = "grind"
+type = "tool_line"
+fixed_tool = "hand"
+start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
+displacement = [0.1, 0, 0]
+duration = 1
+smoothness = 5
+[[move]]
+name = "round"
+type = "tool_circle"
+fixed_tool = "hand"
+start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
+center = [0.1, 0, 0]
+axis = [0, 0, 1]
+angle_deg = 30
+duration = 1
+smoothness = 5
+[[move]]
+name = "edge"
+type = "tool_polyline"
+fixed_tool = "hand"
+start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
+legs = [{{ displacement = [0.1, 0, 0] }}]
+duration = 1
+smoothness = 5
 [[move]]
 name = "corner"
 type = "tool_polyline"

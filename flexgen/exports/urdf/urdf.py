@@ -518,7 +518,7 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
         ("motor", [write(MOTOR, motor) for motor in model.motors]),
         ("sensor", [sensor_table(sensor, shifts) for sensor in model.sensors]),
         ("line", [line_table(line, shifts) for line in model.lines]),
-        *_tasks(model, folder).items(),
+        *_tasks(model, folder, shifts).items(),
     ):
         for table in tables:
             owners = (table["from"], table["to"]) if kind == "line" else (table,)
@@ -544,9 +544,11 @@ def _reduced(body: Body) -> bool:
     return bool(low + middle < high * (1.0 - 1e-9))
 
 
-def _tasks(model: RobotModel, folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Moves and programs as they stand in the model file; files of samples relative to a
-    folder.
+def _tasks(
+    model: RobotModel, folder: Path, shifts: Mapping[str, np.ndarray]
+) -> dict[str, list[dict[str, Any]]]:
+    """Frames, moves and programs as they stand in the model file; files of samples relative to a
+    folder, frames of elements in the frame of their link.
     """
     data = json.loads(model.text) if model.text else {}
     out: dict[str, list[dict[str, Any]]] = {
@@ -556,6 +558,10 @@ def _tasks(model: RobotModel, folder: Path) -> dict[str, list[dict[str, Any]]]:
     for table in out["move"]:
         if table["name"] in files:
             table["file"] = os.path.relpath(files[table["name"]], folder)
+    for table in out["frame"]:
+        if "element" in table:
+            position = np.array(table.get("position", (0.0, 0.0, 0.0))) + shifts[table["element"]]
+            table["position"] = position.tolist()
     return out
 
 
@@ -572,5 +578,14 @@ def _check_moves(model: RobotModel, again: RobotModel) -> None:
 
 
 def _drop_file(task: Move | Program) -> Move | Program:
-    """A move without its file, whose path depends on the folder."""
-    return replace(task, file="") if isinstance(task, Move) else task
+    """A move without its file, whose path depends on the folder, and without frames of elements,
+    which are those of links.
+    """
+    if not isinstance(task, Move):
+        return task
+    still = {
+        name: None
+        for name in ("frame", "fixed_tool")
+        if (found := getattr(task, name)) is not None and found.element
+    }
+    return replace(task, file="", **still)

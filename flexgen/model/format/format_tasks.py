@@ -47,6 +47,7 @@ from flexgen.model.format.format_robot import PLACEMENT, RPY
 from flexgen.model.moves import (
     DEGREES,
     RADIUS,
+    TOOL_MOVES,
     Carrier,
     Move,
     MoveC,
@@ -309,31 +310,68 @@ RADIUS_KEY = Key(
 # --- frames --------------------------------------------------------------------------------------
 
 
-def _work_frame(position: Vector, rotation: Matrix, rpy: Matrix | None, name: str) -> WorkFrame:
-    return WorkFrame(name, position, rotation if rpy is None else rpy)
+def _work_frame(
+    position: Vector, rotation: Matrix, rpy: Matrix | None, name: str, element: str
+) -> WorkFrame:
+    return WorkFrame(name, position, rotation if rpy is None else rpy, element)
+
+
+def _read_element(table: Table, key: Key, here: Context) -> str:
+    """The name of an element of the robot."""
+    names = [element.name for element in here.of_file("element")]
+    given = table.text(key.name)
+    if given not in names:
+        raise table.fail(key.name, closest(given, names))
+    return given
 
 
 FRAME = Format(
-    "frame of a workpiece or a fixture in the world; moves name it",
-    (Key("name", name("frame"), "name of the frame"), *PLACEMENT.keys),
+    "frame of a workpiece or a fixture in the world or on an element; moves name it",
+    (
+        Key("name", name("frame"), "name of the frame"),
+        Key(
+            "element",
+            Type(_read_element, text().schema),
+            "element that carries the frame, from whose tip it is placed; default: it stands in "
+            "the world",
+            default="",
+        ),
+        *PLACEMENT.keys,
+    ),
     make=_work_frame,
 )
 
 
-def _read_frame(table: Table, key: Key, here: Context) -> WorkFrame:
-    """The frame with this name; of an output with an angle it must not tilt the axis."""
+def _find_frame(table: Table, key: Key, here: Context) -> WorkFrame:
+    """The frame with this name."""
     frames = {frame.name: frame for frame in here.of_file("frame")}
     given = table.text(key.name)
     if given not in frames:
         raise table.fail(key.name, closest(given, frames) if frames else MISSING)
+    return frames[given]
+
+
+def _read_frame(table: Table, key: Key, here: Context) -> WorkFrame:
+    """The frame with this name; of an output with an angle it must not tilt the axis."""
+    found = _find_frame(table, key, here)
+    if found.element:
+        if "type" not in table or table.text("type") not in TOOL_MOVES:
+            raise table.fail(
+                key.name,
+                f"a frame in the world: only the moves {', '.join(TOOL_MOVES)} can be stated in a "
+                "frame that an element carries",
+            )
+        if "profile" in table:
+            raise table.fail(key.name, "a duration and a smoothness", "a profile")
+        return found
     output = here.of_file("output")
     axis = np.array(output.rotation_axis or ZERO, dtype=float)
-    tilted = np.array(frames[given].rotation) @ axis
+    tilted = np.array(found.rotation) @ axis
     if output.has_angle and np.linalg.norm(tilted - axis) > FLAT:
         raise table.fail(
             key.name, f"a frame that is not tilted against the output's axis {output.axis_text}"
         )
-    return frames[given]
+    return found
 
 
 def _frame_of_all(table: Table, here: Context) -> Any:
@@ -378,12 +416,43 @@ def _check_carried(table: Table, here: Context) -> None:
         return
     if here.values["frame"] is None:
         raise table.fail("carried", "a move with a frame", "no frame")
+    if here.values["frame"].element:
+        raise table.fail("carried", "a frame in the world: an element carries this one", "both")
     if "profile" in table:
         raise table.fail("carried", "a duration and a smoothness", "a profile")
 
 
 CARRIED_KEY = Key(
     "carried", sub(CARRIED), CARRIED.doc, default=None, check=_check_carried, attribute="carrier"
+)
+
+
+def _check_fixed_tool(table: Table, here: Context) -> None:
+    """Refuse a tool in the room where the pose of the workpiece is not the output, or the path is
+    stated in another frame.
+    """
+    if here.values["fixed_tool"] is None:
+        return
+    if here.of_file("output").type != "tool_pose":
+        raise table.fail(
+            "fixed_tool",
+            'an output of type "tool_pose": the position and orientation of the workpiece in the '
+            "hand of the robot",
+        )
+    if "frame" in table:
+        raise table.fail("fixed_tool", "no frame: the path is stated in that of the workpiece")
+    if "profile" in table:
+        raise table.fail("fixed_tool", "a duration and a smoothness", "a profile")
+
+
+FIXED_TOOL_KEY = Key(
+    "fixed_tool",
+    Type(_find_frame, {"type": "string"}),
+    "frame of a tool that stands in the room while the robot carries the workpiece; the path is "
+    "that of this tool, from where it is at the start, in the axes of the workpiece, those of "
+    "[tool]",
+    default=None,
+    check=_check_fixed_tool,
 )
 
 
@@ -651,7 +720,7 @@ _POSTURE = Key(
 def _of_tool(doc: str, *keys: Key) -> Format:
     return Format(
         doc,
-        (FRAME_KEY, CARRIED_KEY, _START, *_time(), RADIUS_KEY, *keys, _POSTURE),
+        (FRAME_KEY, CARRIED_KEY, FIXED_TOOL_KEY, _START, *_time(), RADIUS_KEY, *keys, _POSTURE),
         partial(in_frame, Move),
         before=_needs_tool,
         where=True,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -12,7 +13,20 @@ import numpy as np
 from flexgen.base.errors import ArgumentError, ModelError, SolverError
 from flexgen.dynamics.mechanics.output_columns import output_units
 from flexgen.model.elements import OF_ROTATION
-from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Vector, Where
+from flexgen.model.moves import (
+    DEGREES,
+    TOOL_MOVES,
+    Carrier,
+    Move,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Program,
+    Step,
+    Vector,
+    Where,
+    WorkFrame,
+)
 from flexgen.paths.geometry.blended_curve import MIN_CORNER_SPEED, BlendedCurve
 from flexgen.paths.geometry.jets import (
     Attitude,
@@ -101,10 +115,14 @@ class _Planner:
             )
         if not (move.type == "sampled" and not move.start):
             self._numbers("start", move.start, self.model.n_g)
-        if move.type in ("tool_line", "tool_circle", "tool_polyline"):
+        if move.type in TOOL_MOVES:
             self._require_tool(move.where, self.name, move.type)
         self.q_g = np.array(move.start, dtype=float)
         self._bounds(move.profile, "profile")
+        self.carriers: tuple[Carrier, ...] = () if move.carrier is None else (move.carrier,)
+        self.fixed_tool: WorkFrame | None = None
+        if move.frame is not None or move.fixed_tool is not None:
+            self._stand(move.frame, move.fixed_tool)
 
     def plan(self) -> PlannedMove:
         """Build the segments."""
@@ -122,19 +140,55 @@ class _Planner:
             self._check_axes(segment)
         return PlannedMove(tuple(segments), self.q_g)
 
+    def _stand(self, frame: WorkFrame | None, fixed_tool: WorkFrame | None) -> None:
+        """Place a move that is stated in a frame where the frame is at the start, or find where a
+        tool in the room is then; both may be carried by an element.
+        """
+        from flexgen.paths.geometry.element_frames import stand
+
+        move = self.move
+        key = "fixed_tool" if frame is None else "frame"
+        if move.type not in TOOL_MOVES:
+            expected = "a move of the tool: " + ", ".join(TOOL_MOVES)
+            raise wrong(move.where, self.name, key, f"with a {move.type}", expected)
+        if move.carrier is not None or (frame is not None and fixed_tool is not None):
+            raise wrong(move.where, self.name, key, "with another frame", "one of them")
+        if fixed_tool is not None and not self.reference.pose:
+            expected = "an output that is the pose of the workpiece (tool_pose)"
+            raise wrong(move.where, self.name, key, fixed_tool.name, expected)
+        chosen = fixed_tool if frame is None else frame
+        assert chosen is not None
+        at = stand(self.model, chosen, self.q_g, move.posture, move.name)
+        placed, self.carriers = at
+        if frame is None:
+            self.fixed_tool = placed
+        else:
+            self.move = placed.place(replace(move, frame=None))
+
     def _carry(self, space: str, curve: Curve) -> Curve:
-        """The curve in the frame that carries the workpiece, if it moves."""
-        carrier = self.move.carrier
-        if carrier is None:
+        """The curve of a workpiece along a tool in the room, or in the frames that carry it, if
+        they move.
+        """
+        move = self.move
+        key = "fixed_tool" if self.fixed_tool is not None else "carrier"
+        if not self.carriers and self.fixed_tool is None:
             return curve
-        if space != "tool" or self.move.profile:
-            raise wrong(
-                self.move.where,
-                self.name,
-                "carrier",
-                f"a {self.move.type}" if space != "tool" else "a profile",
-                "a move of the tool with a duration and a smoothness",
-            )
+        if space != "tool" or move.profile:
+            given = f"a {move.type}" if space != "tool" else "a profile"
+            expected = "a move of the tool with a duration and a smoothness"
+            raise wrong(move.where, self.name, key, given, expected)
+        if self.fixed_tool is not None:
+            from flexgen.paths.geometry.fixed_tool import FixedToolCurve
+
+            curve = FixedToolCurve(curve, self.fixed_tool)
+        for carrier in self.carriers[::-1]:
+            curve = self._carry_curve(curve, carrier)
+        return curve
+
+    def _carry_curve(self, curve: Curve, carrier: Carrier) -> Curve:
+        """The curve in a frame with this motion."""
+        from flexgen.paths.geometry.carried_curve import CarriedCurve
+
         for key in ("origin", "displacement", "rotation"):
             self._numbers(key, getattr(carrier, key), 3)
         output = self.model.output
@@ -142,12 +196,10 @@ class _Planner:
             raise wrong(
                 self.move.where,
                 self.name,
-                "carrier",
+                "carrier" if self.move.carrier is not None else "frame",
                 list(carrier.rotation),
                 f"a rotation about the axis of the output, {output.axis_text}: a multiple of it",
             )
-        from flexgen.paths.geometry.carried_curve import CarriedCurve
-
         axis = np.array(output.rotation_axis) if output.has_angle else None
         return CarriedCurve(curve, carrier, axis)
 
@@ -255,6 +307,10 @@ class _Planner:
         else:
             space = "tool"
             start, R = self.reference.tool_start(self.q_g)
+            if self.fixed_tool is not None:
+                from flexgen.paths.geometry.fixed_tool import seen_from
+
+                start, R = seen_from(start, R, self.fixed_tool)
             if move.type == "tool_polyline":
                 return "tool", *self._polyline(start, R, move.legs, move.radius)
             segments = [self._single()]
