@@ -583,9 +583,7 @@ def _drop_file(task: Move | Program) -> Move | Program:
     """
     if not isinstance(task, Move):
         return task
-    still = {
-        name: None
-        for name in ("frame", "fixed_tool")
-        if (found := getattr(task, name)) is not None and found.element
-    }
-    return replace(task, file="", **still)
+    frame = None if task.frame is not None and task.frame.element else task.frame
+    tool = task.fixed_tool
+    tool = None if tool is not None and tool.element else tool
+    return replace(task, file="", frame=frame, fixed_tool=tool)

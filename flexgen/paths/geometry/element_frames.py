@@ -69,7 +69,7 @@ def stand(
         p, R = _place(p, R, element.link)
         if element.beam is not None:
             p = p + R[:, 0] * element.beam.length
-    p, R = _place(p, R, Placement(frame.position, frame.rotation))
+    p, R = _place(p, R, Placement(tuple(frame.position), frame.rotation))
     return WorkFrame(frame.name, tuple(p.tolist()), _rows(R)), tuple(carriers)
 
 

@@ -79,7 +79,8 @@ def _turning(Q: np.ndarray, w: np.ndarray) -> np.ndarray:
         hat[:, j, i] = w[:, m]
     jet = [Q]
     for order in range(k):
-        jet.append(-sum(comb(order, i) * jet[i] @ hat[..., order - i] for i in range(order + 1)))
+        terms = [comb(order, i) * jet[i] @ hat[..., order - i] for i in range(order + 1)]
+        jet.append(-np.sum(terms, axis=0))
     return np.stack(jet, axis=-1)
 
 
