@@ -67,8 +67,8 @@ def test_seen_from_the_frame_the_path_is_that_of_a_frame_at_rest(move: flexgen.M
 def test_a_planted_frame_that_turns_about_the_world_is_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    right = carried_curve._times
-    monkeypatch.setattr(carried_curve, "_times", lambda Q, x: right(Q.swapaxes(1, 2), x))
+    right = carried_curve.multiply
+    monkeypatch.setattr(carried_curve, "multiply", lambda Q, x: right(Q.swapaxes(1, 2), x))
     assert seen_from_the_frame(moves()[0]) > 1e-3
 
 

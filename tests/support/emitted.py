@@ -77,7 +77,11 @@ def random_states(model, n: int) -> dict[str, np.ndarray]:
     """Moderate states: gears deflected by some mrad, motors moving with their joints."""
     rng = np.random.default_rng(20240229)
     i_g = list(model.i_g)
-    x = {"q_a": 0.7 * rng.normal(size=(n, model.n_a)), "v_a": rng.normal(size=(n, model.n_a))}
+    # loops close, and gas springs stay in their strokes, around home only
+    spread = 0.03 if model.loops or model.lines else 0.7
+    x = {"q_a": spread * rng.normal(size=(n, model.n_a)), "v_a": rng.normal(size=(n, model.n_a))}
+    if model.loops or model.lines:
+        x["q_a"][:, i_g] += model.home
     x["a_a"] = 5.0 * rng.normal(size=(n, model.n_a))
     x["q_m"] = (x["q_a"][:, i_g] + 1e-3 * rng.normal(size=(n, len(i_g)))) @ model.eta.T
     x["v_m"] = (x["v_a"][:, i_g] + 1e-2 * rng.normal(size=(n, len(i_g)))) @ model.eta.T

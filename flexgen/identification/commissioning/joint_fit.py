@@ -44,9 +44,9 @@ from flexgen.identification.estimator.minimize import Search, minimize
 from flexgen.identification.estimator.problem import Linearization, Prior, Problem
 
 ROUNDS = 4  # of fits with weights from the residuals of the last one
-STEPS = 6  # of the search in a round, with those that are refused; the last one has more
-LAST_STEPS = 10
-REFUSALS = 3  # steps in a row that are refused before a round ends
+STEPS = 10  # of the search in a round, with those that are refused; the last one has more
+LAST_STEPS = 16
+REFUSALS = 8  # steps in a row that are refused before a round ends
 FACTOR = 2.0  # largest one of a change of a stiffness or a damping in a round
 SETTLED = 0.05  # largest relative change of a weight from which on there are no more rounds
 DISTANCE = 0.05  # standard deviations from the minimum where a search ends

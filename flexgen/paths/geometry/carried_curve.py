@@ -67,14 +67,14 @@ class CarriedCurve:
         arm = x[:, :POSITION].copy()
         arm[:, :, 0] -= self.carrier.origin
         moved = x.copy()
-        moved[:, :POSITION] = _times(Q, arm) + _scale(self.carrier.displacement, share)
+        moved[:, :POSITION] = multiply(Q, arm) + _scale(self.carrier.displacement, share)
         moved[:, :POSITION, 0] += self.carrier.origin
         if x.shape[1] > POSITION:
             moved[:, POSITION] += self.turned * share
         if attitude is None:
             return moved, None
         R, w = attitude
-        turning = _times(Q[..., : w.shape[-1]], w) + _scale(rotation, share[:, 1:])
+        turning = multiply(Q[..., : w.shape[-1]], w) + _scale(rotation, share[:, 1:])
         return moved, (Q[..., 0] @ R, turning)
 
     def _rotation(self, share: np.ndarray) -> np.ndarray:
@@ -98,7 +98,7 @@ class CarriedCurve:
         return out + sine * hat[None, :, :, None] + versine * (hat @ hat)[None, :, :, None]
 
 
-def _times(Q: np.ndarray, x: np.ndarray) -> np.ndarray:
+def multiply(Q: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Jet (n, 3, k) of the product of a matrix (n, 3, 3, k) and a vector (n, 3, k)."""
     return product(Q, x[:, None]).sum(axis=2)
 
