@@ -78,7 +78,7 @@ def random_states(model, n: int) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(20240229)
     i_g = list(model.i_g)
     # loops close, and gas springs stay in their strokes, around home only
-    spread = 0.03 if model.loops or model.lines else 0.7
+    spread = 0.01 if model.loops or model.lines else 0.7
     x = {"q_a": spread * rng.normal(size=(n, model.n_a)), "v_a": rng.normal(size=(n, model.n_a))}
     if model.loops or model.lines:
         x["q_a"][:, i_g] += model.home
