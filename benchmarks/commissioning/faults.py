@@ -217,6 +217,15 @@ FAULTS = (
           motion(lambda x, n: stuck(x, 2, len(x) // 2)), "angles of m2 are stuck"),
     Fault("angles in degrees", "rigid",
           motion(lambda x, n: scaled(x, list(range(1, 1 + n)), DEGREES)), "degrees"),
+    Fault("payload of 12 kg in the file, motion", "rigid",
+          file_says(r"(\[payload\]\nmass = )([\d.]+)", r"\g<1>12.0"), "payload.mass"),
+    Fault("payload's center in the wrong frame, motion", "rigid",
+          file_says(r"(\[payload\]\n.*\ncom = \[)([^\]]*)", r"\g<1>0.0, 0.3, 0.2"), "payload.com"),
+    Fault("all torques 20 % too large", "rigid",
+          motion(lambda x, n: scaled(x, list(range(1 + n, 1 + 2 * n)), 1.2)),
+          "scale of all torques"),
+    Fault("both signs of m2", "rigid",
+          motion(lambda x, n: scaled(x, [2, 2 + n], -1.0)), "both signs of m2"),
     Fault("file of the record missing", "rigid", remove_record, "rigid.csv"),
 )  # fmt: skip
 

@@ -46,6 +46,23 @@ class Score:
     gain: float
 
 
+@dataclass(frozen=True)
+class Limit:
+    """A fault that data do not show up to a size: ``name``, ``size`` [``unit``]; infinity: they
+    show it in no case.
+    """
+
+    name: str
+    size: float
+    unit: str
+
+    def __str__(self) -> str:
+        if not np.isfinite(self.size):
+            return self.name
+        text = f"{100 * self.size:.2g} %" if not self.unit else f"{self.size:.2g} {self.unit}"
+        return f"{self.name} by less than {text}"
+
+
 class ScoreTest:
     """Scores at the minimum of a fit.
 

@@ -19,6 +19,7 @@ from flexgen.base.rows import Part
 from flexgen.base.spec.arguments import seed_of
 from flexgen.base.spec.variants import with_variant
 from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
+from flexgen.identification.estimator.score import Limit
 from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.estimator.validation import WORSE
 from flexgen.identification.poses.components import Tilt, tilt_slopes
@@ -29,7 +30,6 @@ from flexgen.identification.poses.parameters import FRAME, Unknown
 from flexgen.identification.poses.poses import LARGEST, StaticPoses
 from flexgen.identification.poses.score_test import Suspect
 from flexgen.identification.poses.statics import Numbers, Statics
-from flexgen.identification.poses.tolerance_test import Limit
 from flexgen.identification.poses.tree import Tree
 from flexgen.model.elements import RobotModel
 from flexgen.model.new_file import text_of_model, with_overrides, write_model_text

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from flexgen.base.errors import SolverError
-from flexgen.identification.estimator.score import LEAST_TAIL, Score
+from flexgen.identification.estimator.score import LEAST_TAIL, Limit, Score
 from flexgen.identification.poses.fit import Minimum, Poses, fit
 from flexgen.identification.poses.parameters import AXES, Priors, Unknown
 from flexgen.identification.poses.score_test import (
@@ -60,23 +60,6 @@ INFLATED = 2.0
 # Parts of a mass and of a scale, and distance [m] of a center of mass: limits that are stated.
 LONG = 1.0  # m: a center of mass that no poses show
 STATED = {"mass": 0.25, "center": 0.1, "scale": 0.01}
-
-
-@dataclass(frozen=True)
-class Limit:
-    """A fault below which poses do not show it: ``name``, its ``size`` [``unit``]; infinity: the
-    poses show it in no case.
-    """
-
-    name: str
-    size: float
-    unit: str
-
-    def __str__(self) -> str:
-        if not np.isfinite(self.size):
-            return self.name
-        text = f"{100 * self.size:.2g} %" if not self.unit else f"{self.size:.2g} {self.unit}"
-        return f"{self.name} by less than {text}"
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ EXPLAINED = 0.1  # unexplained variance of torques, at most, where a mistake is 
 STILL = 1e-12  # step of an angle over its range, at most, where it is stuck
 LEAST = 0.05  # part of a motion in which it is, at least
 WIDTH = 0.01  # of the largest speed: width of the step of Coulomb friction
+LATEST = 0.6  # s: lag of the torques
 DEGREES = np.pi / 180
 
 
@@ -62,7 +63,12 @@ def find_channel_mistake(
     )
     before = _find_unexplained(regressor, record, pi, sd)
     best: tuple[float, str] = (np.inf, "")
-    for words, wrong in (*_stuck_angles(regressor, motions, every), *_mistakes(regressor, record)):
+    candidates = (
+        *_stuck_angles(regressor, motions, every),
+        *_mistakes(regressor, record),
+        *_late_torques(regressor, motions, every, (pi, sd)),
+    )
+    for words, wrong in candidates:
         best = min(best, (_find_unexplained(regressor, wrong, pi, sd), words))
     least, words = best
     if least > min(NAMED * before, EXPLAINED):
@@ -98,6 +104,39 @@ def _stuck_angles(
             yield words, (np.concatenate(states, axis=1), np.vstack(torques))
 
 
+def _late_torques(
+    regressor: Regressor,
+    motions: Sequence[Motion],
+    every: int,
+    bodies: tuple[np.ndarray, np.ndarray],
+) -> Iterator[tuple[str, Record]]:
+    """The lag of the torques that leaves least, and the motions without it."""
+    eta = regressor.model.eta
+
+    def shifted(lag: float) -> Record:
+        states = []
+        torques = []
+        for motion in motions:
+            k = round(lag / motion.step)
+            rows = slice(max(0, -k), len(motion.t) - max(0, k), every)
+            late = slice(max(0, k), len(motion.t) - max(0, -k), every)
+            states.append(np.array(motion.derivatives)[:, rows] @ eta.T)
+            torques.append(motion.torques[late])
+        return np.concatenate(states, axis=1), np.vstack(torques)
+
+    def left(lag: float) -> float:
+        return _find_unexplained(regressor, shifted(lag), *bodies)
+
+    most = min(LATEST, 0.25 * min(motion.t[-1] - motion.t[0] for motion in motions))
+    best = 0.0
+    for step in (LATEST / 30, LATEST / 300):
+        near = best + step * np.arange(-30, 31)
+        best = min((x for x in near.tolist() if abs(x) <= most), key=left, default=0.0)
+    if best:
+        when = "late" if best > 0 else "early"
+        yield f"all torques are {abs(best):.3g} s {when}", shifted(best)
+
+
 def find_longest_run(given: np.ndarray) -> tuple[int, int]:
     """First and past-the-end index of the longest run of True in an array (n,)."""
     edges = np.diff(np.concatenate([[0], given.astype(int), [0]]))
@@ -123,6 +162,13 @@ def _mistakes(regressor: Regressor, record: Record) -> Iterator[tuple[str, Recor
         side = np.where(np.arange(len(motors)) == j, ratios, 1.0)
         yield f"the sign of the torques of {motor} is wrong", (angles, torques * turn)
         yield f"the sign of the angles of {motor} is wrong", (angles * turn, torques)
+        yield (
+            f"both signs of {motor}, of angles and torques, are wrong",
+            (
+                angles * turn,
+                torques * turn,
+            ),
+        )
         yield f"the torques of {motor} are on the arm side", (angles, torques / side)
         yield f"the angles of {motor} are on the arm side", (angles * side, torques)
     for i, j in combinations(range(len(motors)), 2):

@@ -48,6 +48,7 @@ def content_of_rigid(found: Any) -> tuple[Part, ...]:
             "the file, and without the delay",
             "errors",
         ),
+        *_payload(fit),
         _motors(found),
         Prose(
             "Compliances of gears that the model file does not have, and the delay of torques "
@@ -61,6 +62,21 @@ def content_of_rigid(found: Any) -> tuple[Part, ...]:
         *(Prose(f"{line}.", "notes") for line in found.notes),
         *_data(found),
     )
+
+
+def _payload(fit: Any) -> list[Part]:
+    """A payload that the torques contradict, and what they do not show of it."""
+    out: list[Part] = [Prose(f"possible cause: {fault}", "causes") for fault in fit.payload.faults]
+    if fit.payload.limits:
+        faults = ", ".join(map(str, fit.payload.limits))
+        out.append(
+            Prose(
+                "not visible in these motions, since bodies and friction do nearly the same: a "
+                f"wrong {faults}",
+                "not_visible",
+            )
+        )
+    return out
 
 
 def _both(found: Any, name: str) -> Shown:

@@ -33,12 +33,19 @@ from flexgen.identification.estimator.covariance import Blocks, covariance_of
 from flexgen.identification.estimator.minimize import minimize
 from flexgen.identification.estimator.problem import Prior, Problem, Sums
 from flexgen.identification.estimator.residuals import rms
+from flexgen.identification.estimator.score import Limit
 from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.estimator.validation import Piece, parts_of, validate
 from flexgen.identification.rigid import rigid_accuracy
 from flexgen.identification.rigid.channel_mistakes import find_channel_mistake
 from flexgen.identification.rigid.feasible_bodies import Feasible, scales, units
 from flexgen.identification.rigid.feasible_motors import is_possible
+from flexgen.identification.rigid.payload_test import (
+    NOT_TESTED,
+    Normal,
+    PayloadTest,
+    check_payload,
+)
 from flexgen.identification.rigid.rigid_columns import BLOCK, Columns, band_of
 from flexgen.identification.rigid.rigid_mistakes import Mistake, find_causes
 from flexgen.identification.rigid.rigid_model import in_a_file, rigid_model
@@ -105,7 +112,8 @@ class RigidFit:
     the file does not have [rad/(N m) or m/N, arm side], and the delay of the torques [s];
     ``fades`` (n_m,) [s/rad or s/m, of the joint]: of friction that falls with speed as sigma /
     cosh(fade v), 0: none; ``speed`` (n_m,): see `Columns`; ``limit_hz``: all torques are compared
-    below it; ``mistake``: what explains a large part of the errors.
+    below it; ``mistake``: what explains a large part of the errors; ``payload``: whether
+    the torques contradict that of the file.
     """
 
     model: RobotModel
@@ -123,6 +131,7 @@ class RigidFit:
     speed: np.ndarray
     limit_hz: float
     mistake: Mistake | None = None
+    payload: PayloadTest = NOT_TESTED
 
     @property
     def texts(self) -> tuple[str, str]:
@@ -273,6 +282,8 @@ def identify_rigid(
     weak = _Prior(file, prior * scales(file - carried), lags_sd, carried)
     at = _Numbers(file, np.zeros((robot.n_m, flat.F[0].shape[2])), np.zeros(robot.n_g + 1))
     mistake: Mistake | None = None
+    payload = NOT_TESTED
+    scales_hidden: tuple[Limit, ...] = ()
     sd = np.maximum(np.std(np.vstack(flat.below(limit).measured), axis=0), 1e-12)
     for _ in range(1 + robot.n_m):  # more only where friction falls with speed
         flat, at, sd, change = _settle(flat, limit, weak, at, sd)
@@ -288,18 +299,28 @@ def identify_rigid(
         block = max(1, round(BLOCK * flat.period / columns.step))
         blocks = Blocks.of_outputs(terms, error, weight, block)
         found = covariance_of(blocks, np.diag(information))
+        payload = check_payload(robot, file, _normal(terms, error, weight, information, at))
         if not (error_rms > rigid_accuracy.NOTICED * scale).any():
             break
         if is_over():
             break
         if (error_rms > rigid_accuracy.LARGE * scale).any():
+            if payload.is_clear:
+                break
             mistake = find_channel_mistake(regressor, motions, file, weak.sd)
             if mistake is not None:
                 break
-        mistake, more = find_causes(whole, limit, at[:2], terms, error, weight, information)
+        mistake, more, scales_hidden = find_causes(
+            whole, limit, at[:2], terms, error, weight, information
+        )
         if not more.any():
             break
         flat, at = _with_fades(flat, flat.fades + more, at)
+    payload = replace(payload, limits=(*payload.limits, *scales_hidden))
+    if payload.is_clear:
+        mistake = None  # what a payload does may look like it
+    elif mistake is not None:
+        payload = NOT_TESTED
     skipped = parts == 0 or is_over()
     there = None if skipped else _leave_out(columns, weak, at, sd, parts)
     status = rigid_accuracy.status_of(error_rms, scale, there, None if there is None else scale)
@@ -329,7 +350,22 @@ def identify_rigid(
         speed=flat.speed,
         limit_hz=limit,
         mistake=mistake,
+        payload=payload,
     )
+
+
+def _normal(
+    terms: list[np.ndarray],
+    error: np.ndarray,
+    weight: np.ndarray,
+    information: np.ndarray,
+    at: _Numbers,
+) -> Normal:
+    """Normal equations at the numbers of a fit."""
+    X = np.vstack([x * w for x, w in zip(terms, weight, strict=True)])
+    away = np.concatenate([np.zeros(at.friction.size), at.lags])
+    others = information[len(at.pi) :]
+    return Normal(X.T @ X, X.T @ (error * weight).T.ravel(), at.pi, others, away)
 
 
 def _settle(

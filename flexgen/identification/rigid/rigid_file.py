@@ -193,7 +193,9 @@ def near_file(fit: RigidFit, motions: Sequence[Motion]) -> RigidFit:
     near, wide = (np.array(each) for each in errors)
     if (near > np.maximum(AS_GOOD * wide, GOOD)).any() or is_over():
         return fit
-    return replace(close, status=fit.status, mistake=fit.mistake, left_out=fit.left_out)
+    return replace(
+        close, status=fit.status, mistake=fit.mistake, left_out=fit.left_out, payload=fit.payload
+    )
 
 
 def gear_deflections(fit: RigidFit, data: Description) -> dict[str, GearDeflection]:

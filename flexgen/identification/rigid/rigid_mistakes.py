@@ -1,5 +1,5 @@
 """Single-fault hypotheses for a recording of a rigid arm: the torques of one motor, a gear ratio,
-the zero of an angle.
+a scale of all angles, the zero of an angle.
 
 Friction that falls with speed is found in the same way.
 
@@ -17,11 +17,13 @@ Source: C. R. Rao, Proceedings of the Cambridge Philosophical Society 44, 1948 (
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flexgen.base.numerics.low_pass import LowPass
+from flexgen.identification.estimator.score import Limit
 from flexgen.identification.rigid.rigid_columns import BLOCK, Columns
 from flexgen.identification.rigid.rigid_regressor import Regressor
 
@@ -34,6 +36,8 @@ SPEEDS = (0.02, 0.06, 0.2, 0.6)  # over the largest speed, to which friction fal
 CLOCKS = (0.5, 1.5)
 ALONG = 0.99  # component of gravity over its size, along an axis
 CLOCK = "a clock of the recording whose times are longer than true by [%]"
+RATIOS = ("a ratio of the gear of", "the angles of all motors")
+HIDDEN = 0.01  # scale of angles that is stated where the torques do not show it
 NOTHING = 1e-9  # of a column that is left where the fit has others for it
 
 
@@ -109,9 +113,9 @@ def find_causes(
     error: np.ndarray,
     weight: np.ndarray,
     prior: np.ndarray,
-) -> tuple[Mistake | None, np.ndarray]:
+) -> tuple[Mistake | None, np.ndarray, tuple[Limit, ...]]:
     """The mistake that explains most of the residuals, or fades of frictions that fall with speed
-    and explain more.
+    and explain more; and the scales of angles that these torques do not show.
 
     None and zeros (n_m,) [s/rad or s/m, of the joint]: nothing explains a large part of them.
 
@@ -150,8 +154,8 @@ def find_causes(
             value = float(scores.value[best])
             clock = _clock_error(whole.regressor.model.gravity, what, value)
             if clock is not None:
-                return Mistake(CLOCK, clock, share), found
-            return Mistake(what, nominal + value, share), found
+                return Mistake(CLOCK, clock, share), found, ()
+            return Mistake(what, nominal + value, share), found, ()
     for j in range(motors):
         own = np.arange(len(names) + j, len(scores.gain), motors)
         k = int(own[np.argmax(scores.gain[own])])
@@ -162,7 +166,26 @@ def find_causes(
             and scores.is_sure(k)
         ):
             found[j] = fades[k - len(names)]
-    return None, found
+    return None, found, tuple(_hidden_scales([what for what, _ in names], scores))
+
+
+def _hidden_scales(names: list[str], scores: _Scores) -> Iterator[Limit]:
+    """Errors of the angles below which they are not named: a scale explains half of the residuals
+    of a motor where its column is as large as these, ``x |z_pj| = |e_j|``.
+    """
+    motors = len(scores.shares)
+    residual = np.linalg.norm(scores.error.reshape(motors, -1), axis=1)
+    for k, name in enumerate(names):
+        if not name.startswith(RATIOS):
+            continue
+        own = np.linalg.norm(scores.projected[:, k].reshape(motors, -1), axis=1)
+        size = float((residual / np.maximum(own, 1e-300)).min())
+        if size > HIDDEN:
+            joint = name.removesuffix(" times").removeprefix(RATIOS[0]).strip()
+            what = (
+                "scale of all angles" if joint == RATIOS[1] else f"scale of the angle of {joint}"
+            )
+            yield Limit(what, size, "")
 
 
 def _clock_error(gravity: tuple[float, ...], what: str, change: float) -> float | None:
@@ -243,7 +266,8 @@ def _candidates(
     joints = [model.coordinates[i] for i in model.i_g]
     names = [(f"torques of {motor.name} times", 1.0) for motor in model.motors]
     names += [(f"a zero of {c.name} [{c.unit}] off by", 0.0) for c in joints]
-    names += [(f"a ratio of the gear of {c.name} times", 1.0) for c in joints]
+    names += [(f"{RATIOS[0]} {c.name} times", 1.0) for c in joints]
+    names += [(f"{RATIOS[1]} times", 1.0)]
     names += [(f"gravity along {axis} of the base [m/s^2] more by", 0.0) for axis in "xyz"]
     gravities = [Regressor(replace(model, gravity=tuple(row))) for row in np.eye(3).tolist()]
     motors = np.abs(model.eta).argmax(axis=0)
@@ -262,7 +286,14 @@ def _candidates(
             ratios[:, j, i] -= load[:, j]
         torques = total[:, :, None] * np.eye(model.n_m)
         changes = np.concatenate(
-            [torques, whole.motor_side(zeros), ratios, whole.motor_side(gravity)], axis=2
+            [
+                torques,
+                whole.motor_side(zeros),
+                ratios,
+                ratios.sum(axis=2, keepdims=True),
+                whole.motor_side(gravity),
+            ],
+            axis=2,
         )
         found.append(whole.slow(k, changes, limit))
     return names, np.concatenate(found), whole.step * every
