@@ -381,9 +381,9 @@ def test_a_structure_is_a_table_of_springs(monkeypatch: pytest.MonkeyPatch) -> N
     assert answer.text == "springs\n\nwrote page"
     with pytest.raises(
         ArgumentError,
-        match=r"^--structure: given with --out, expected without: with --structure that",
+        match=r"^--structure: given with --free, expected without: with --structure that",
     ):
-        identify(structure=True, out="new.toml")
+        identify(structure=True, free=["stiffness"])
 
 
 # --- control -------------------------------------------------------------------------------------

@@ -280,3 +280,25 @@ def test_a_written_file_has_the_covariance_of_relative_errors(tmp_path: Path) ->
     sd = np.sqrt(np.diag(expected))
     assert_allclose(kept.sd, sd, rtol=1e-3)
     assert_allclose(kept.correlation, (expected / np.outer(sd, sd)).ravel(), atol=2e-3)
+
+
+def test_structures_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file without the spring becomes one with it and the numbers of the fit; a variant that has
+    numbers of the same element is refused.
+    """
+    monkeypatch.setattr(local_model, "FREQUENCIES", (35.0,))  # quicker
+    model = without_coulomb("planar5_nmp")
+    text = Path(model.file).read_text(encoding="utf-8")
+    lines = text.partition("[variant.soft]")[0].splitlines()
+    third = lines.index('name = "q3"') - 1
+    end = next(k for k in range(third + 1, len(lines)) if lines[k].startswith("["))
+    file = tmp_path / "lacks.toml"
+    file.write_text("\n".join(lines[:third] + lines[end:]), encoding="utf-8")
+    found = structure(file, responses(model, 4, 3))
+    assert found.added == ("arm3_z",)
+    again = flexgen.read(f"{found.write(tmp_path / 'found.toml')}@identified")
+    springs = {d.name: d.spring for e in again.elements for d in e.dofs if d.spring is not None}
+    fitted = found.identified.vector.named(found.identified.x)
+    assert springs["arm3_z"].stiffness == pytest.approx(fitted["arm3_z.stiffness"])
+    (true,) = [d.spring for e in model.elements for d in e.dofs if d.name == "q3"]
+    assert springs["arm3_z"].stiffness == pytest.approx(true.stiffness, rel=0.02)

@@ -269,7 +269,7 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
     from flexgen.identification.responses.structure import structure
     from flexgen.views.reports.identification_texts import structure_text
 
-    alone(args, "--structure", *OF_RESPONSES, "free", "start", "out")
+    alone(args, "--structure", *OF_RESPONSES, "free", "start")
     log("adding and removing springs: about a minute for six axes")
     found = structure(
         model, data, fixed=args.fixed or (), time_limit=args.time_limit, progress=throttle(log)
@@ -280,6 +280,8 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
         "changes": [vars(change) for change in found.changes],
     }
     files = _files(found.identified, args)
+    if args.out is not None:
+        files["model_file"] = partial(found.write, args.out)
     return with_files(
         structure_text(found),
         result,

@@ -14,9 +14,12 @@ Source: G. Schwarz, Annals of Statistics 6(2), 1978.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +33,7 @@ from flexgen.identification.responses.local_model import with_sizes
 from flexgen.identification.responses.residuals import Residuals
 from flexgen.identification.responses.result import FitStatus, IdentificationResult
 from flexgen.identification.rigid.missing_springs import additions, without
-from flexgen.model.elements import RobotModel
+from flexgen.model.elements import Dof, RobotModel
 from flexgen.model.reader import read
 
 LEAST_GAIN = 10.0  # of the criterion: "very strong" by the usual words
@@ -79,6 +82,60 @@ class Structure:
         return tuple(
             change.name for change in self.changes if change.kept and change.kind == "remove"
         )
+
+    def write(self, path: str | Path) -> Path:
+        """Write the model file with a further variant ``identified``: the springs of the result,
+        and the numbers of its fit.
+
+        Parameters
+        ----------
+        path : str or Path
+            Read it as ``FILE@identified``.
+
+        Raises
+        ------
+        ArgumentError
+            The model is not from a ``.toml`` file with elements.
+        """
+        vector = copy(self.identified.vector)
+        vector.model = _with_structure(vector.model, {*self.added, *self.removed})
+        return replace(self.identified, vector=vector).write(path)
+
+
+def _with_structure(model: RobotModel, names: set[str]) -> RobotModel:
+    """The model with overrides of its file: a list of the degrees of freedom of each element where
+    some of these names were added or removed.
+    """
+    if not names:
+        return model
+    data = json.loads(model.text or "{}")
+    if "element" not in data or "urdf" in data:
+        raise ArgumentError(
+            f"write: given {model.file or 'a model without a file'}, expected a .toml file with "
+            "elements; the tables of new springs are in the text: add them to the overlay"
+        )
+    changes: dict[str, Any] = {}
+    tables = {table["name"]: table for table in data["element"]}
+    for element in model.elements:
+        table = tables[element.name]
+        old = {dof["name"]: dof for dof in table.get("dof", [])}
+        own = {dof.name: dof for dof in element.dofs}
+        if names.intersection(own.keys() ^ old.keys()):
+            table["dof"] = [old.get(name) or _table_of(dof) for name, dof in own.items()]
+            changes[f"element.{element.name}.dof"] = table["dof"]
+    return replace(model, text=json.dumps(data), overrides={**(model.overrides or {}), **changes})
+
+
+def _table_of(dof: Dof) -> dict[str, Any]:
+    """The table of a new spring."""
+    stiffness = float(getattr(dof.spring, "stiffness", 0.0))
+    return {
+        "name": dof.name,
+        "type": dof.type,
+        "axis": list(dof.axis),
+        "spring": {"type": "linear", "stiffness": stiffness},
+        "damping": float(dof.damping),
+    }
 
 
 @reported("structure")

@@ -187,8 +187,8 @@ def check_payload(robot: RobotModel, file: np.ndarray, normal: Normal) -> Payloa
         found.append((gain, one, value))
         limit = SURE * float(sd.max())
         if one.is_reported and limit > STATED[one.kind] * one.size:
-            size = np.inf if limit > LONG * one.size else limit
-            limits.append(Limit(one.name, size, one.unit))
+            most = float("inf") if limit > LONG * one.size else limit
+            limits.append(Limit(one.name, most, one.unit))
     best = max(gain for gain, _, _ in found)
     faults = []
     for gain, one, value in sorted(found, key=lambda row: -row[0]):
