@@ -51,6 +51,7 @@ from flexgen.identification.commissioning.joint_fit import JointFit, fit_jointly
 from flexgen.identification.commissioning.misfit import measure_misfit
 from flexgen.identification.commissioning.motion_block import MotionBlock
 from flexgen.identification.commissioning.poses_block import PosesBlock, in_frame
+from flexgen.identification.commissioning.reasons import check_payload_of
 from flexgen.identification.commissioning.record_faults import check_motion, check_responses
 from flexgen.identification.commissioning.responses_block import ResponsesBlock
 from flexgen.identification.commissioning.result import Commissioning, HeldOut
@@ -150,6 +151,8 @@ def commission(
     with limit_fit("commission", time_limit, tell):
         first = _Study(robot, data, known, lengths, tell)
         first.check_records()
+        tell("testing the payload of the file")
+        payload = check_payload_of(robot, data.motions)
         file = first.fit_own()
         chosen = _richest(first, curves)
         verdict = chosen.judge(file, chosen.start_near(first.unknowns, file.x))
@@ -162,7 +165,8 @@ def commission(
         fit = verdict.fit if is_over() else chosen.fit_all(verdict.fit)
     if chosen.bending is not None:
         robot = chosen.bending.robot
-    return _result(robot, chosen, data, verdict, fit, time.perf_counter() - began)
+    found = _result(robot, chosen, data, verdict, fit, time.perf_counter() - began)
+    return replace(found, payload=payload)
 
 
 _Errors = dict[tuple[str, str, str], float]

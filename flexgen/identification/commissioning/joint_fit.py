@@ -34,6 +34,7 @@ from flexgen.base.errors import SolverError
 from flexgen.dynamics.mechanics.parameters import with_values
 from flexgen.identification.commissioning.blocks import Block, Channel
 from flexgen.identification.commissioning.motion_block import MotionBlock
+from flexgen.identification.commissioning.reasons import NO_REASONS, Reasons, find_reasons
 from flexgen.identification.commissioning.unknowns import (
     Unknowns,
     is_positive,
@@ -94,6 +95,8 @@ class JointFit:
     converged : bool
     top_speeds : array (n_m,) [rad/s]
         Of the motors in all motions; empty: there is none.
+    reasons : Reasons
+        Single reasons for numbers that are far from the datasheet.
     """
 
     unknowns: Unknowns
@@ -105,6 +108,7 @@ class JointFit:
     misfits: list[tuple[str, str, str, float, float, str]]
     converged: bool
     top_speeds: np.ndarray
+    reasons: Reasons = NO_REASONS
 
     @property
     def sd(self) -> np.ndarray:
@@ -292,13 +296,15 @@ def _result(stack: _Stack, x: np.ndarray, prior: Prior, converged: bool) -> Join
     covariance = covariance_of(blocks, np.eye(len(x))) * np.outer(sd, sd)
     determined = np.sqrt(np.diag(covariance)) < WEAK * sd
     shared = covariance / np.outer(sd, sd)
-    written = prior.center + sd * _choose(A, shared, (x - prior.center) / sd, determined)
+    away = (x - prior.center) / sd
+    written = prior.center + sd * _choose(A, shared, away, determined)
     written = make_physical(unknowns, np.clip(written, *unknowns.bounds))
     tops = [block.top for block in stack.blocks if isinstance(block, MotionBlock)]
     top = np.max(tops, axis=0) if tops else np.zeros(0)
     return JointFit(
-        unknowns, x, written, covariance, determined, information, misfits, converged, top
-    )
+        unknowns, x, written, covariance, determined, information, misfits, converged, top,
+        find_reasons(unknowns, A, away),
+    )  # fmt: skip
 
 
 def _choose(

@@ -19,11 +19,13 @@ from flexgen.dynamics.mechanics.parameters import select, with_values
 from flexgen.identification.commissioning.joint_fit import JointFit
 from flexgen.identification.commissioning.unknowns import COULOMB_WIDTH, linear_geometry
 from flexgen.identification.estimator.fit_result import FitResult, FittedNumber
+from flexgen.identification.estimator.score import Limit
 from flexgen.identification.estimator.status import FitStatus
 from flexgen.identification.poses.model_file import changes_of
 from flexgen.identification.poses.statics import Numbers
 from flexgen.identification.poses.tree import Tree
 from flexgen.identification.responses.result import whole_lists
+from flexgen.identification.rigid.payload_test import NOT_TESTED, PayloadTest
 from flexgen.model.elements import RobotModel, SmoothSpring
 from flexgen.model.new_file import text_of_model, with_overrides, write_model_text
 from flexgen.model.reader import read
@@ -92,6 +94,8 @@ class Commissioning(FitResult):
     wall_s : float [s]
     misfit : float or None
         Errors of positions on these parts over their elastic displacement; None: there is none.
+    payload : PayloadTest
+        Whether the torques contradict the payload of the file.
 
     Examples
     --------
@@ -115,6 +119,7 @@ class Commissioning(FitResult):
     notes: tuple[str, ...]
     wall_s: float
     misfit: float | None = None
+    payload: PayloadTest = NOT_TESTED
 
     def __repr__(self) -> str:
         """Robot, status and records, in one line."""
@@ -389,13 +394,39 @@ class Commissioning(FitResult):
             Prose(f"{verdict}.", "status"),
             self._table(),
             self._verdict(),
+            *(Prose(f"possible cause: {one}", "causes") for one in self.causes),
+            *self._hidden(),
             *(Prose(f"{line}.", "far") for line in self.far),
             *(Prose(f"{line}.", "missing") for line in self.missing),
             *(Prose(f"{line}.", "notes") for line in self.notes),
             Data("missing", list(self.missing)),
+            Data("causes", list(self.causes)),
+            Data("not_visible", [vars(one) for one in self.not_visible]),
             Data("far", list(self.far)),
             Data("problem", self.problem),
         )
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Single reasons for numbers that are far from the datasheet: the payload, a scale of all
+        torques or positions, a length.
+        """
+        of_torques = [fault.name for fault in self.payload.faults]
+        others = [one for one in self.fit.reasons.found if one.name not in of_torques]
+        return (*map(str, self.payload.faults), *map(str, others))
+
+    @property
+    def not_visible(self) -> tuple[Limit, ...]:
+        """Faults of the payload that no record shows, up to a limit."""
+        shown = {"payload.mass", "payload.com"} - {one.name for one in self.payload.limits}
+        tested = self.payload is not NOT_TESTED
+        return tuple(one for one in self.fit.reasons.limits if not (tested and one.name in shown))
+
+    def _hidden(self) -> list[Part]:
+        """Faults that the records do not show."""
+        limits = ", ".join(map(str, self.not_visible))
+        text = f"not visible in these records: a wrong {limits}"
+        return [Prose(text, "not_visible")] if limits else []
 
     def _table(self) -> Table:
         """Numbers before and after, with their deviation and the record that determines most."""

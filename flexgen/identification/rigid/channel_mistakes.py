@@ -113,7 +113,7 @@ def _late_torques(
     """The lag of the torques that leaves least, and the motions without it."""
     eta = regressor.model.eta
 
-    def shifted(lag: float) -> Record:
+    def shift(lag: float) -> Record:
         states = []
         torques = []
         for motion in motions:
@@ -125,7 +125,7 @@ def _late_torques(
         return np.concatenate(states, axis=1), np.vstack(torques)
 
     def left(lag: float) -> float:
-        return _find_unexplained(regressor, shifted(lag), *bodies)
+        return _find_unexplained(regressor, shift(lag), *bodies)
 
     most = min(LATEST, 0.25 * min(motion.t[-1] - motion.t[0] for motion in motions))
     best = 0.0
@@ -134,7 +134,7 @@ def _late_torques(
         best = min((x for x in near.tolist() if abs(x) <= most), key=left, default=0.0)
     if best:
         when = "late" if best > 0 else "early"
-        yield f"all torques are {abs(best):.3g} s {when}", shifted(best)
+        yield f"all torques are {abs(best):.3g} s {when}", shift(best)
 
 
 def find_longest_run(given: np.ndarray) -> tuple[int, int]:
