@@ -67,7 +67,8 @@ def _of_point(
     m: float, upper: float, x: float, z: float, q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> np.ndarray:
     """Torques (n, 2) of a mass at a place of the arm, by the accelerations in the plane."""
-    first, second = q[:, 0], q.sum(axis=1)
+    first = q[:, 0]
+    second = q.sum(axis=1)
     # derivatives of the place (x, z) in both angles, and in the angles twice
     of_upper = upper * np.array([np.cos(first), -np.sin(first)])
     twice_upper = upper * np.array([-np.sin(first), -np.cos(first)])

@@ -121,3 +121,18 @@ def test_what_the_poses_hide_is_stated(tmp_path: Path) -> None:
         assert limits["payload.mass"].size > 12.0
         assert "a wrong payload.mass by less than" in found.to_text()
         assert found.to_dict()["not_visible"][0]["unit"] == "kg"
+
+
+@pytest.mark.slow
+def test_an_offset_of_the_poses_is_named(tmp_path: Path) -> None:
+    """0.1 rad in a joint whose zero is free, and in one whose zero is not."""
+    file = tmp_path / "arm.toml"
+    file.write_text(file_text(), encoding="utf-8")
+    random = np.random.default_rng(4)
+    q = random.uniform([-2.0, -1.6, 0.2], [2.0, 0.3, 2.2], (60, 3))
+    seen = Arm().positions(q) + NOISE * random.normal(size=(60, 1, 3))
+    off = flexgen.StaticPoses(q + np.array([0.0, 0.0, 0.1]), seen)
+    for free in (None, ["compliances", "placements"]):
+        more = {} if free is None else {"free": free}
+        found = flexgen.calibrate(file, off, folds=0, **more)
+        assert "q3.zero" in [cause.name for cause in found.causes]

@@ -50,6 +50,7 @@ AS_GOOD = 6.0
 SAME = 0.5
 # Errors of a fit over the least ones above which it is at a minimum that says nothing.
 ELSEWHERE = 3.0
+SURE = 6.0  # standard deviations of a number that the fit holds
 OTHER_ROBOT = "the scale of all lengths (as of another robot)"
 # Score of a body from which on it is fitted anew; its prior then: a part of the mass, a length
 # [m]; and the variance of the errors over that of noise, since bodies explain some of the errors
@@ -78,8 +79,9 @@ class ToleranceTest:
 @dataclass(frozen=True)
 class _Candidate:
     """A score with what it belongs to; ``own``: deviation of the prior that the user gave, 0 of a
-    number without one; ``kind``: that of an unknown, or ``scale``; ``reach`` [m]: largest step of
-    a center of mass that was fitted anew, 0 of other candidates.
+    number without one; ``kind``: that of an unknown, ``scale`` or ``lengths``; empty of one that
+    is held, and of gravity; ``reach`` [m]: largest step of a center of mass that was fitted anew,
+    0 of other candidates.
     """
 
     suspect: Suspect
@@ -269,7 +271,10 @@ def _candidate(
 
 
 def _causes(every: Sequence[_Candidate], limit: float, excess: float) -> tuple[Suspect, ...]:
-    """The reasons that explain most of what the tolerances leave, the best first."""
+    """The reasons that explain most of what the tolerances leave, the best first.
+
+    Of numbers that the fit holds, which `score_test` tests too, those alone that are sure.
+    """
     above = []
     for one in sorted(every, key=lambda one: -one.score.gain):
         share = one.score.gain / max(excess, 1e-300)
@@ -281,8 +286,11 @@ def _causes(every: Sequence[_Candidate], limit: float, excess: float) -> tuple[S
                 for other in every
                 if abs(other.score.gain - one.score.gain) < SAME and other is not one
             )
-            above.append((one.score.gain, replace(one.suspect, share=min(share, 1.0), same=same)))
-    return tuple(suspect for gain, suspect in above if gain > above[0][0] - AS_GOOD)
+            suspect = replace(one.suspect, share=min(share, 1.0), same=same)
+            is_sure = bool(one.kind) or one.score.z > SURE
+            above.append((one.score.gain, is_sure, suspect))
+    best = above[0][0] if above else 0.0
+    return tuple(suspect for gain, is_sure, suspect in above if is_sure and gain > best - AS_GOOD)
 
 
 def _limits(every: Sequence[_Candidate], limit: float) -> Iterator[Limit]:
