@@ -216,3 +216,22 @@ def test_sums_of_complex_residuals_are_those_of_their_parts() -> None:
     assert_allclose(value, np.sum(np.abs(r) ** 2))
     assert_allclose(g, np.einsum("abn,ab->n", J.conj(), r).real)
     assert_allclose(A, np.einsum("abm,abn->mn", J.conj(), J).real)
+
+
+def test_residuals_that_do_not_move_end_a_search_of_a_wrong_model() -> None:
+    """After three steps that gain next to nothing, where their mean square is far above noise; a
+    search without a count of the residuals goes on.
+    """
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        return np.append(np.full(10, 10.0), np.exp(-0.05 * x))
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        return np.append(np.zeros((10, 1)), [-0.05 * np.exp(-0.05 * x)], axis=0)
+
+    free = np.full(1, np.inf)
+    problem = Problem(residual, slopes, Prior.nothing(1), (-free, free))
+    short = minimize(problem, np.zeros(1), Search(count=10))
+    assert short.wrong and not short.converged and short.iterations == 3
+    long = minimize(problem, np.zeros(1), Search())
+    assert not long.wrong and long.iterations > 10

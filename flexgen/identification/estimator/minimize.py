@@ -53,10 +53,10 @@ TAKEN = 1e-4
 GOOD = 0.75
 POOR = 0.25
 # Mean square of residuals, with 1 for noise, from which on a model may be wrong; it is where so
-# many steps gain less than this part.
+# many steps gain less than this part: residuals that do not move any more.
 WRONG = 10.0
-FEW = 10
-LITTLE = 0.02
+FEW = 3
+LITTLE = 0.006
 # Part of a step over which its acceleration is measured, and the largest acceleration that is
 # taken, as a part of the step.
 PROBE = 0.1

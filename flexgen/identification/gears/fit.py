@@ -511,7 +511,9 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
             break
     found: Estimate | None = None
     with keep_best():
-        for n, draws in enumerate((*DRAWS, *DRAWS[-1:] * MORE), 1):
+        # the noise is not what a wrong model is off by: one correction, for the deviations
+        rounds = DRAWS[:1] if fit.wrong else (*DRAWS, *DRAWS[-1:] * MORE)
+        for n, draws in enumerate(rounds, 1):
             tell(f"subtracting the part of the noise: step {n}")
             model.take_out_step_errors(theta)
             error, change, covariance = _correct(model, theta, white, lower < upper, draws)
