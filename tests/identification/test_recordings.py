@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 import flexgen
 from flexgen.base.errors import ArgumentError, ModelError
-from flexgen.identification.records.description import read_description
+from flexgen.identification.records.description import check_common_jump, read_description
 from flexgen.identification.records.experiment_file import read_experiment
 
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "motor_bench" / "bench.toml"
@@ -393,3 +393,16 @@ def test_torques_near_the_limit_of_the_motor_are_refused(tmp_path):
     twice[52] = 2.0
     with pytest.raises(ArgumentError, match=r"at its limit of 1 N m at t = 0\.05 s: excite less"):
         read_experiment(written(tmp_path, current=twice))
+
+
+def test_a_block_of_lost_samples_is_no_wrap() -> None:
+    """Both angles jump in the same row; where one alone does, its encoder may have wrapped."""
+    time = np.arange(0.0, 2.0, 1e-3)
+    whole = [np.sin(3.0 * time), 2.0 * np.cos(2.0 * time)]
+    kept = np.delete(np.arange(len(time)), slice(700, 1100))
+    times = [time[: len(kept)]] * 2
+    with pytest.raises(ArgumentError, match=r"2 angles jump at t = 0\.699 s: samples are lost"):
+        check_common_jump("run", times, [angle[kept] for angle in whole])
+    check_common_jump("run", [time] * 2, whole)
+    wrapped = whole[0] + 6.28 * (time > 0.5)
+    check_common_jump("run", [time] * 2, [wrapped, whole[1]])

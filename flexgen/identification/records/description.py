@@ -107,6 +107,7 @@ KINDS = ("torque", "angle", "signal", "reference")
 JITTER = 0.05
 # rad: a larger step between two samples, and far larger than all others, is an encoder that wraps
 WRAP = 1.0
+JUMP = 50.0  # of the tenth largest step of an angle: a jump
 # of the samples: jumps after repeated ones from which on a recording is refused; a real arm has
 # 0.003
 REPEATED = 0.005
@@ -601,6 +602,7 @@ class Recording:
         """ArgumentError for angles that wrap or have lost samples, and for torques at a limit."""
         torques, angles = kinds[:2]
         n = len(torques)
+        check_common_jump(str(self.file), self._times[n : 2 * n], self._values[n : 2 * n])
         for j, channel in enumerate(angles):
             t = self._times[n + j]
             x = self._values[n + j]
@@ -614,17 +616,40 @@ class Recording:
             _check_torque(where, t, tau, angle, model.motors[j].torque_max)
 
 
+def _find_jump(t: np.ndarray, x: np.ndarray) -> tuple[int, float] | None:
+    """Row before a jump of an angle, and its size [rad]; None: there is none."""
+    if np.ptp(x) == 0.0:
+        return None
+    between = np.diff(t)
+    steps = np.abs(np.diff(x)) * (between < GAP * np.median(between))
+    k = int(np.argmax(steps))
+    return (k, float(steps[k])) if steps[k] > JUMP * np.partition(steps, -10)[-10] else None
+
+
+def check_common_jump(
+    where: str, times: Sequence[np.ndarray], angles: Sequence[np.ndarray]
+) -> None:
+    """ArgumentError where several angles jump in the same row: no two encoders wrap at once."""
+    jumps = [_find_jump(t, x) for t, x in zip(times, angles, strict=True)]
+    rows = [jump[0] for jump in jumps if jump is not None]
+    for k in rows:
+        if rows.count(k) > 1:
+            raise ArgumentError(
+                f"{where}: {rows.count(k)} angles jump at t = {times[0][k]:.6g} s: samples are "
+                "lost there, and the times have no gap; record again, or take a part before or "
+                "after it"
+            )
+
+
 def _check_angle(where: str, t: np.ndarray, x: np.ndarray) -> None:
     """ArgumentError for an angle that wraps or has lost samples."""
     if np.ptp(x) == 0.0:
         return
-    between = np.diff(t)
-    steps = np.abs(np.diff(x)) * (between < GAP * np.median(between))
-    k = int(np.argmax(steps))
-    if steps[k] > WRAP and steps[k] > 50 * np.partition(steps, -10)[-10]:
+    jump = _find_jump(t, x)
+    if jump is not None and jump[1] > WRAP:
+        k, size = jump
         raise ArgumentError(
-            f"{where}: jumps by {steps[k]:.3g} rad at t = {t[k]:.6g} s: the encoder wraps; "
-            "unwrap it"
+            f"{where}: jumps by {size:.3g} rad at t = {t[k]:.6g} s: the encoder wraps; unwrap it"
         )
     if len(lost := lost_samples(x)) > REPEATED * len(x):
         raise ArgumentError(
