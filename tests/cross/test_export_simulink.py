@@ -245,7 +245,7 @@ def test_the_header_for_c_caller_is_plain(blocks):
 
 def test_models_without_streams(tmp_path):
     model = without_streams()
-    with pytest.raises(ArgumentError, match=r"a robot without streams, because .*motor_coupling"):
+    with pytest.raises(ArgumentError, match=r"a robot without streams, because .*turns a motor"):
         flexgen.export_simulink(model, tmp_path)
     assert not list(tmp_path.iterdir())
     flexgen.export_simulink(model, tmp_path, stream=False)

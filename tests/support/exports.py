@@ -43,9 +43,11 @@ def library_object(
 
 
 def without_streams() -> RobotModel:
-    """The model elbow with rotors that turn with their carriers."""
+    """The model elbow with a rotor that turns with the joint that it drives: its torques do not
+    follow from each other.
+    """
     model = flexgen.read("elbow")
-    carriers = zip(model.motors, ("base", "upper"), strict=True)
+    carriers = zip(model.motors, ("base", "fore"), strict=True)
     motors = tuple(
         replace(motor, axis=(0.0, 1.0, 0.0), carrier=carrier) for motor, carrier in carriers
     )
