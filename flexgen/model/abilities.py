@@ -478,6 +478,8 @@ FEATURES: tuple[Feature, ...] = (
             "learn": "its model of the errors has rotors that only their gears turn",
             "fastest": "its limits are those of rotors that only their gears turn",
             "feedback_study": "feedback linearization needs rotors that only their gears turn",
+            "identify_rigid": "its regressor has rotors that only their gears turn",
+            "identify_load": "its regressor has rotors that only their gears turn",
             "compare_record": "rotors that turn with the bodies add to the torques of the joints",
             "CollisionDetector": "its residual is that of the simplified equations",
         },
