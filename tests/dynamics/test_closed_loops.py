@@ -219,3 +219,11 @@ def test_emitted_functions_refuse_states_that_cannot_be_closed(tmp_path: Path) -
     assert np.isfinite(library.invert(**motion, q_start=home[0]).tau_m).all()
     with pytest.raises(flexgen.SolverError):
         library.invert(**motion, q_start=far[0])
+
+
+def test_a_pose_in_which_a_loop_cannot_close_is_named(tmp_path: Path) -> None:
+    robot = read_text(tmp_path, FOUR_BAR)
+    with pytest.raises(
+        flexgen.SolverError, match="not finite, as where a closed loop cannot close"
+    ):
+        flexgen.analyze(robot, [3.0, *[0.0] * (robot.n_a - 1)])

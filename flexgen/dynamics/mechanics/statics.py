@@ -267,6 +267,11 @@ def solve_newton(
     rows, jacobian = (np.array(x) for x in function(q))
     scale = np.maximum(np.abs(jacobian).max(axis=1), 1e-12)
     error = np.linalg.norm(rows[:, 0] / scale)
+    if not np.isfinite(error):
+        raise SolverError(
+            f"{what}: given q_a = {np.round(q, 4).tolist()}, where the equations are not finite, "
+            "as where a closed loop cannot close; choose another pose"
+        )
     for _ in range(NEWTON_STEPS):
         try:
             step = np.linalg.solve(jacobian / scale[:, None], -rows[:, 0] / scale)

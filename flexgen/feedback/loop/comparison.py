@@ -27,7 +27,8 @@ MEANING = {
 BY_METHOD = (
     "Largest distance (or angle) between the path and the tool of the full model, simulated open "
     "loop with the torques of simpler models: rigid (all springs rigid), fjm (only elastic "
-    "gears), quasistatic (deflections without dynamics). Every simulation starts in the "
+    "gears), quasistatic (deflections without dynamics); of a robot in complete motor coupling "
+    "they leave that out, as simplified (exact but for it) does. Every simulation starts in the "
     "equilibrium of the full model with the tool at the start of the path; the static sag that a "
     "simpler model neglects is not part of this error."
 )

@@ -30,9 +30,12 @@ def check_causal(problem: InversionProblem, method: str, differentiates: bool = 
     ``differentiates``: the method differentiates the equations of motion.
     """
     model = problem.equations.model
-    reason = obstacle(model, "reduced problem") or obstacle(model, "simplified coupling")
+    reason = obstacle(model, "reduced problem")
     if reason is not None:
         raise ArgumentError(f"method {method}: {reason}; use full")
+    reason = obstacle(model, "simplified coupling")
+    if reason is not None:
+        raise ArgumentError(f"method {method}: {reason}; use lq, bvp or full")
     reason = obstacle(model, "differentiated equations") if differentiates else None
     if reason is not None:
         raise ArgumentError(f"method {method}: {reason}; use bdf or full")

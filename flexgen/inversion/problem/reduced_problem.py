@@ -252,9 +252,16 @@ class Reduction:
                 raise SolverError(
                     f"path: no equilibrium at t = {times[k]:.4g} s; "
                     "the path leaves the workspace or passes a singular pose"
+                    f"{self._open_loops}"
                 )
             out[k] = q
         return out
+
+    @property
+    def _open_loops(self) -> str:
+        """End of a message about a pose that is not found: closed loops may come apart there."""
+        names = ", ".join(loop.name for loop in self.model.loops)
+        return f", or the loop {names} cannot close there" if names else ""
 
     @cached_property
     def _levels(self) -> ca.Function:

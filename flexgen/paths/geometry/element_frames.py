@@ -109,6 +109,12 @@ def _check_joints(
     for element in chain:
         for dof in element.dofs:
             if dof.actuated and element.name in of_tool and dof.name not in given:
+                if model.output.size == model.n_g:
+                    raise ArgumentError(
+                        f"move {move}: given frame {frame.name} of element {frame.element}, which "
+                        f"{dof.name} moves together with the tool, whose outputs determine all "
+                        "joints, expected the base, or an element that other joints carry"
+                    )
                 raise ArgumentError(
                     f"move {move}: given frame {frame.name} of element {frame.element}, which "
                     f"{dof.name} moves together with the tool, expected the motion of this joint: "
