@@ -1,4 +1,4 @@
-"""Motors that turn with their links: times and tool errors of paths and streams, beside those of
+"""Motors that turn with their links: times and tool errors of paths and streams, and those of
 the same robots in simplified motor coupling.
 
     python benchmarks/coupling/coupling.py [--write] [--quick]

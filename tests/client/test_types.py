@@ -120,6 +120,7 @@ def test_every_class_that_a_public_function_returns_is_public() -> None:
         "Friction",
         "Interval",
         "Lagrangian",
+        "Limit",
         "Coordinate",
     }
     public = {name: getattr(flexgen, name) for name in flexgen.__all__ if name != "__version__"}

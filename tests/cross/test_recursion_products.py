@@ -19,6 +19,7 @@ from flexgen.dynamics.mechanics.equations import Equations, derive
 from flexgen.dynamics.mechanics.signatures import DIFFERENTIATED, offered_functions, split_product
 from flexgen.model.reader import read
 
+NEAR = 0.02  # rad or m: where loops close
 EXACT = 1e-13  # of the largest term of a product
 QUICK = ("elbow", "planar5_nmp", "manutec_r3", "urdf_arm")
 MODELS = [
@@ -30,7 +31,11 @@ MODELS = [
 def drawn(equations: Equations, names, rng: np.random.Generator) -> dict[str, np.ndarray]:
     model = equations.model
     sizes = {"m": model.n_m, "a": model.n_a}
-    return {name: rng.uniform(-1.0, 1.0, sizes[name.split("_")[1]]) for name in names}
+    found = {name: rng.uniform(-1.0, 1.0, sizes[name.split("_")[1]]) for name in names}
+    if model.loops:  # they close around home only
+        found["q_a"] *= NEAR
+        found["q_a"][list(model.i_g)] += model.home
+    return found
 
 
 def check_inverse_dynamics(equations: Equations, seed: int) -> None:

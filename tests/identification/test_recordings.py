@@ -395,7 +395,7 @@ def test_torques_near_the_limit_of_the_motor_are_refused(tmp_path):
         read_experiment(written(tmp_path, current=twice))
 
 
-def test_a_block_of_lost_samples_is_no_wrap() -> None:
+def test_a_block_of_lost_samples_is_not_a_wrap() -> None:
     """Both angles jump in the same row; where one alone does, its encoder may have wrapped."""
     time = np.arange(0.0, 2.0, 1e-3)
     whole = [np.sin(3.0 * time), 2.0 * np.cos(2.0 * time)]

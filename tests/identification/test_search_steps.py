@@ -220,7 +220,7 @@ def test_sums_of_complex_residuals_are_those_of_their_parts() -> None:
 
 def test_residuals_that_do_not_move_end_a_search_of_a_wrong_model() -> None:
     """After three steps that gain next to nothing, where their mean square is far above noise; a
-    search without a count of the residuals goes on.
+    search without a count of the residuals continues.
     """
 
     def residual(x: np.ndarray) -> np.ndarray:

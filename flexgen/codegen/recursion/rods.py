@@ -69,7 +69,7 @@ def with_rods_as_bodies(model: RobotModel) -> RobotModel:
 
 
 def _split(rod: _Rod, line: Line, parent: str) -> list[Element]:
-    """The rod's element with a particle at the middle, half way along the stretch."""
+    """The rod's element with a particle at the middle, at half of the stretch."""
     element = rod.element
     middle = Body(mass=2.0 * line.mass / 3.0, com=tuple((rod.tip / 2.0).tolist()))
     name = f"{line.name}_middle"
