@@ -37,7 +37,7 @@ def show(page: Page) -> None:
         rows.append(
             [f"{inertia:g}", largest(careless), largest(exact), float(np.abs(missing).max())]
         )
-        axes.plot(exact.trajectory.time, missing[:, 0], label=f"rotor {inertia:g} kg m$^2$")
+        axes.plot(exact.trajectory.time, missing[:, 0], label=f"rotor {inertia:g} kg m^2")
     axes.set(xlabel="time, s", ylabel="torque left out, motor 1, N m")
     axes.legend()
     page.table(

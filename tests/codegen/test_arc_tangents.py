@@ -94,7 +94,7 @@ def test_angles_that_cancel_make_no_calls() -> None:
 
 
 def test_graphs_without_arc_tangents_stay() -> None:
-    """The same object; also where the angle itself is a result."""
+    """An unchanged object; also where the angle itself is a result."""
     graph, after = graphs_of(X[0] + X[1])
     assert after is graph
     alone = read_graph(ca.Function("angle", [X], [FIRST]))

@@ -30,7 +30,7 @@ def test_accelerations_are_those_of_multipliers(tmp_path: Path) -> None:
 
 @pytest.mark.full
 def test_hundred_accelerations_are_those_of_multipliers(tmp_path: Path) -> None:
-    """The same at 100 states."""
+    """Accelerations at 100 states."""
     assert worst_of(delta(tmp_path), 100) < 1e-11
 
 

@@ -21,7 +21,7 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Arm:
-    """What poses at rest depend on; the stiffnesses are 20 and 30 % lower than in the file."""
+    """Numbers that poses at rest depend on; stiffnesses 20 and 30 % lower than in the file."""
 
     upper: float = 0.9
     marker: tuple[float, float, float] = (0.8, 0.05, 0.1)

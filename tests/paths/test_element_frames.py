@@ -207,8 +207,8 @@ def test_seen_from_the_workpiece_the_wheel_is_on_its_line(tmp_path: Path, elemen
 def test_a_planted_turn_of_the_workpiece_is_seen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    right = fixed_tool.product
-    monkeypatch.setattr(fixed_tool, "product", lambda Q, x: right(Q.swapaxes(1, 2), x))
+    right = fixed_tool.multiply
+    monkeypatch.setattr(fixed_tool, "multiply", lambda Q, x: right(Q.swapaxes(1, 2), x))
     model = grinding(tmp_path)
     alone = replace(model, output=model.output.of_tool)
     sample = Planned(flexgen.derive(alone), replace(model.move("grind"), posture=None)).sample(T)

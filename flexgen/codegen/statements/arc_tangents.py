@@ -92,8 +92,7 @@ def _turn_by(
     if angle != 0.0:
         turns.append((new.call("cos", [rest]), new.call("sin", [rest])))
     for c, s in turns[1:]:
-        cosine, sine = (
-            new.add(new.multiply(cosine, c), new.multiply(sine, s) ^ 1),
-            new.add(new.multiply(sine, c), new.multiply(cosine, s)),
-        )
+        turned = new.add(new.multiply(cosine, c), new.multiply(sine, s) ^ 1)
+        sine = new.add(new.multiply(sine, c), new.multiply(cosine, s))
+        cosine = turned
     return cosine, sine

@@ -24,7 +24,7 @@ from scipy.stats import chi2, norm
 from flexgen.base.errors import FlexgenError
 from flexgen.identification.commissioning.motion_block import Motion
 from flexgen.identification.commissioning.unknowns import Unknowns
-from flexgen.identification.estimator.score import LEAST_TAIL, Limit
+from flexgen.identification.estimator.score import LEAST_TAIL, Explanation, Limit
 from flexgen.identification.rigid import rigid_regressor
 from flexgen.identification.rigid.missing_springs import without
 from flexgen.identification.rigid.payload_test import NOT_TESTED, PayloadTest
@@ -45,32 +45,10 @@ TORQUES = "the scale of all torques"
 
 
 @dataclass(frozen=True)
-class Reason:
-    """``name``; ``held`` in the file and its ``value`` (m,) [``unit``]; ``score`` in standard
-    deviations; ``share`` of the objective that wide priors remove.
-    """
-
-    name: str
-    held: tuple[float, ...]
-    value: tuple[float, ...]
-    unit: str
-    score: float
-    share: float
-
-    def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
-        return (
-            f"{self.name} of about {_shown(self.value)}{unit} instead of {_shown(self.held)} "
-            f"explains {100 * self.share:.0f} % of what the tolerances of the datasheet leave "
-            f"(score of {self.score:.1f} standard deviations)"
-        )
-
-
-@dataclass(frozen=True)
 class Reasons:
     """``found``, the best first; ``limits`` below which a wrong payload is not visible."""
 
-    found: tuple[Reason, ...] = ()
+    found: tuple[Explanation, ...] = ()
     limits: tuple[Limit, ...] = ()
 
 
@@ -142,7 +120,8 @@ def find_reasons(unknowns: Unknowns, A: np.ndarray, z: np.ndarray) -> Reasons:
         if is_far and score > SURE and share > SHARE and is_likely:
             held = tuple(one.held.tolist())
             value = tuple(one.value(step).tolist())
-            found.append(Reason(one.name, held, value, one.unit, score, share))
+            left = "the tolerances of the datasheet leave"
+            found.append(Explanation(one.name, held, value, one.unit, score, share, left))
     named = [reason.name for reason in found]
     return Reasons(tuple(found), tuple(one for one in limits if one.name not in named))
 
@@ -241,9 +220,3 @@ def _places(unknowns: Unknowns) -> np.ndarray:
             out[at : at + 3] = place
             at += 3
     return out
-
-
-def _shown(values: tuple[float, ...]) -> str:
-    near_one = all(0.9 < x < 1.1 for x in values)  # scales differ by parts of a percent
-    text = ", ".join(f"{x:.5g}" if near_one else f"{x:.3g}" for x in values)
-    return text if len(values) == 1 else f"({text})"

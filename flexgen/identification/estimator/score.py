@@ -47,6 +47,36 @@ class Score:
 
 
 @dataclass(frozen=True)
+class Explanation:
+    """A number or vector that data contradict: ``name``; as it is ``held``, and its ``value``
+    (m,) [``unit``]; its score ``z`` in standard deviations; ``share``: part of ``left``, what
+    other numbers leave unexplained, that it explains.
+    """
+
+    name: str
+    held: tuple[float, ...]
+    value: tuple[float, ...]
+    unit: str
+    z: float
+    share: float
+    left: str
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        return (
+            f"{self.name} of about {_shown(self.value)}{unit} instead of {_shown(self.held)} "
+            f"explains {100 * self.share:.0f} % of what {self.left} (score of {self.z:.1f} "
+            "standard deviations)"
+        )
+
+
+def _shown(values: tuple[float, ...]) -> str:
+    near_one = all(0.9 < x < 1.1 for x in values)  # scales differ by parts of a percent
+    text = ", ".join(f"{x:.5g}" if near_one else f"{x:.3g}" for x in values)
+    return text if len(values) == 1 else f"({text})"
+
+
+@dataclass(frozen=True)
 class Limit:
     """A fault that data do not show up to a size: ``name``, ``size`` [``unit``]; infinity: they
     show it in no case.

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2, norm
 
-from flexgen.identification.estimator.score import LEAST_TAIL, Limit
+from flexgen.identification.estimator.score import LEAST_TAIL, Explanation, Limit
 from flexgen.identification.rigid.feasible_bodies import numbers_of, scales
 from flexgen.identification.rigid.rigid_regressor import payload_in
 from flexgen.model.elements import Body, RobotModel
@@ -58,33 +58,10 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class PayloadFault:
-    """A payload that the torques contradict: ``name``; as it is ``held``, and its ``value``
-    (m,) [``unit``]; its score ``z`` in standard deviations; ``share``: part of what tolerances of
-    CAD leave that it explains.
-    """
-
-    name: str
-    held: tuple[float, ...]
-    value: tuple[float, ...]
-    unit: str
-    z: float
-    share: float
-
-    def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
-        return (
-            f"{self.name} of about {_shown(self.value)}{unit} instead of {_shown(self.held)} "
-            f"explains {100 * self.share:.0f} % of what tolerances of CAD leave (score of "
-            f"{self.z:.1f} standard deviations)"
-        )
-
-
-@dataclass(frozen=True)
 class PayloadTest:
     """``faults``, the best first, and ``limits`` below which a wrong payload is not visible."""
 
-    faults: tuple[PayloadFault, ...] = ()
+    faults: tuple[Explanation, ...] = ()
     limits: tuple[Limit, ...] = ()
 
     @property
@@ -199,7 +176,8 @@ def check_payload(robot: RobotModel, file: np.ndarray, normal: Normal) -> Payloa
         if is_best and z > SURE and share > SHARE and _is_plausible(one, value):
             start = tuple(one.start.tolist())
             new = tuple(value.tolist())
-            faults.append(PayloadFault(one.name, start, new, one.unit, z, share))
+            left = "tolerances of CAD leave"
+            faults.append(Explanation(one.name, start, new, one.unit, z, share, left))
     named = [fault.name for fault in faults]
     return PayloadTest(tuple(faults), tuple(one for one in limits if one.name not in named))
 
@@ -268,8 +246,3 @@ def _fit(cost: _Cost, file: np.ndarray, one: _Number) -> tuple[np.ndarray, np.nd
         if np.abs(change).max() < STEP * step:
             break
     return value, np.sqrt(np.diag(np.linalg.inv(H)))
-
-
-def _shown(values: tuple[float, ...]) -> str:
-    text = ", ".join(f"{x:.3g}" for x in values)
-    return text if len(values) == 1 else f"({text})"

@@ -25,7 +25,28 @@ if TYPE_CHECKING:
     from flexgen.paths.timing.timed_segments import Curve
 
 
-class CarriedCurve:
+class MovedCurve:
+    """A curve with the parameter of another one, ``curve``, which is seen from a moving frame."""
+
+    curve: Curve
+
+    @property
+    def length(self) -> float:
+        """Range of the parameter."""
+        return self.curve.length
+
+    @property
+    def smoothness(self) -> int:
+        """Number of continuous derivatives."""
+        return self.curve.smoothness
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """Parameters at which a derivative up to order 5 may jump."""
+        return self.curve.breaks
+
+
+class CarriedCurve(MovedCurve):
     """A curve of the tool that moves with a frame.
 
     Parameters
@@ -42,21 +63,6 @@ class CarriedCurve:
         self.curve = curve
         self.carrier = carrier
         self.turned = 0.0 if axis is None else float(np.asarray(carrier.rotation) @ axis)
-
-    @property
-    def length(self) -> float:
-        """Range of the parameter, that of the curve with the frame at rest."""
-        return self.curve.length
-
-    @property
-    def smoothness(self) -> int:
-        """Number of continuous derivatives."""
-        return self.curve.smoothness
-
-    @property
-    def breaks(self) -> np.ndarray:
-        """Parameters at which a derivative up to order 5 may jump."""
-        return self.curve.breaks
 
     def __call__(self, s: np.ndarray) -> tuple[np.ndarray, Attitude | None]:
         """Jet (n, d, k), and the orientation, from the jet (n, k) of the parameter."""

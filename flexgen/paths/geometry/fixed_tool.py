@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexgen.model.moves import WorkFrame
-from flexgen.paths.geometry.jets import Attitude, product
+from flexgen.paths.geometry.carried_curve import MovedCurve, multiply
+from flexgen.paths.geometry.jets import Attitude
 
 if TYPE_CHECKING:
     from flexgen.paths.timing.timed_segments import Curve
 
 
-class FixedToolCurve:
+class FixedToolCurve(MovedCurve):
     """The curve of a workpiece, whose frame is that of the robot's tool, in the world.
 
     Parameters
@@ -37,30 +38,15 @@ class FixedToolCurve:
         self.curve = curve
         self.tool = tool
 
-    @property
-    def length(self) -> float:
-        """Range of the parameter, that of the curve on the workpiece."""
-        return self.curve.length
-
-    @property
-    def smoothness(self) -> int:
-        """Number of continuous derivatives."""
-        return self.curve.smoothness
-
-    @property
-    def breaks(self) -> np.ndarray:
-        """Parameters at which a derivative up to order 5 may jump."""
-        return self.curve.breaks
-
     def __call__(self, s: np.ndarray) -> tuple[np.ndarray, Attitude | None]:
         """Jet (n, 3, k), and the orientation, from the jet (n, k) of the parameter."""
         x, attitude = self.curve(s)
         assert attitude is not None  # the output is a pose
         R, w = attitude
         Q = _turning(np.array(self.tool.rotation) @ R.transpose(0, 2, 1), w)
-        y = -_times(Q, x)
+        y = -multiply(Q, x)
         y[:, :, 0] += self.tool.position
-        return y, (Q[..., 0], -_times(Q, w))
+        return y, (Q[..., 0], -multiply(Q, w))
 
 
 def seen_from(p: np.ndarray, R: np.ndarray, tool: WorkFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -82,8 +68,3 @@ def _turning(Q: np.ndarray, w: np.ndarray) -> np.ndarray:
         terms = [comb(order, i) * jet[i] @ hat[..., order - i] for i in range(order + 1)]
         jet.append(-np.sum(terms, axis=0))
     return np.stack(jet, axis=-1)
-
-
-def _times(Q: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Jet (n, 3, k) of the product of a matrix (n, 3, 3, k) and a vector (n, 3, k)."""
-    return product(Q, x[:, None]).sum(axis=2)
