@@ -122,7 +122,10 @@ class Arm:
         ``tape``; ``columns``: per joint which form its angular acceleration has, as in
         `newton_euler.Motion`.
         """
-        at = self.joints(tape, q, v, a)
+        return self.torques_at(tape, chain, self.joints(tape, q, v, a), columns)
+
+    def torques_at(self, tape: Tape, chain: Chain, at: Joints, columns: Columns) -> list[Scalar]:
+        """`torques` of joints on the tape."""
         return at.gather(newton_euler.inverse_dynamics(tape, chain, at.q, at.v, at.a, columns))
 
     def mass_matrix(self, tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:

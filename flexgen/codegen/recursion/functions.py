@@ -106,12 +106,14 @@ def _product(arm: Arm, name: str, product: str) -> Built | None:
     parameter changes it.
     """
     function = recursive_function(arm.equations, name)
-    finished = name not in products.BUILDERS or arm.closed is not None
+    finished = name not in products.BUILDERS
     if function is None or "parameters" in function.name_in() or finished:
         return None if function is None else products.of_function(arm, function, product)
     # (chooses the recursion for accelerations)
     recursive_function(arm.equations, "arm_forward_dynamics")
-    return products.BUILDERS[name](arm, product)
+    inputs, names, found, named = products.BUILDERS[name](arm, product)
+    # closures are in the function and in its derivatives
+    return inputs, names, ca.cse(found) if arm.closed is not None else found, named
 
 
 def agrees(equations: Equations) -> bool:

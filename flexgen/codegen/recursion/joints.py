@@ -25,7 +25,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from flexgen.codegen.recursion.tape import Scalar, Tape
+from flexgen.codegen.recursion.tape import Scalar, Tape, Value
 from flexgen.dynamics.mechanics.closed_loops import closed_joints, independent_errors
 from flexgen.dynamics.mechanics.square_systems import solve_square
 from flexgen.model.elements import RobotModel
@@ -39,7 +39,8 @@ class Joints:
     """All joints on a tape: positions q, speeds v, accelerations a.
 
     ``moves``: of each joint the derivatives in the coordinates that move it, by number; None where
-    each joint has a coordinate of its own. ``n_a``: number of coordinates.
+    each joint has a coordinate of its own. ``n_a``: number of coordinates. ``given``: of closed
+    loops, all that the tape has from `ClosedJoints`: q, v, a, and the Jacobian row by row.
     """
 
     q: list[Scalar]
@@ -47,6 +48,7 @@ class Joints:
     a: list[Scalar]
     moves: Sequence[Mapping[int, Scalar]] | None
     n_a: int
+    given: tuple[Scalar, ...] = ()
 
     def gather(self, x: Sequence[Any]) -> list[Any]:
         """Numbers of all joints, such as torques, or rows of such numbers, added up for the
@@ -90,12 +92,16 @@ class ClosedJoints:
 
     ``motion``: ``q, v, a`` to positions, speeds, accelerations (n_j each) and the Jacobian N (n_j,
     n_a). ``moved``: to `Changes`. ``turned``: ``q, tau_j`` to the derivative of ``N' tau_j`` in q
-    (n_a, n_a) at constant tau_j.
+    (n_a, n_a) at constant tau_j. ``rates``: ``q, v, a`` and their rates to those of all entries of
+    ``motion``, the Jacobian row by row; ``weights``: ``q, v, a`` and weights of these entries to
+    the derivatives of their weighted sum in q, v and a.
     """
 
     motion: ca.Function
     moved: ca.Function
     turned: ca.Function
+    rates: ca.Function
+    weights: ca.Function
 
     def on_tape(
         self,
@@ -113,7 +119,38 @@ class ClosedJoints:
             {k: _on_tape(tape, N[j, k]) for k in range(len(q)) if not N[j, k].is_zero()}
             for j in range(N.shape[0])
         ]
-        return Joints(own[0], own[1], own[2], moves, len(q))
+        rows = [row.get(k, 0.0) for row in moves for k in range(len(q))]
+        flat = (*own[0], *own[1], *own[2], *rows)
+        return Joints(own[0], own[1], own[2], moves, len(q), flat)
+
+    def jvp(
+        self,
+        tape: Tape,
+        results: Sequence[Scalar],
+        at: Joints,
+        inputs: Sequence[ca.SX],
+        rates: Sequence[ca.SX],
+    ) -> list[Scalar]:
+        """Rates of results of joints ``at`` the ``inputs`` q, v, a with their ``rates``."""
+        given = self.rates(*inputs, *rates)
+        pairs = [
+            (x, _on_tape(tape, given[k])) for k, x in enumerate(at.given) if isinstance(x, Value)
+        ]
+        return tape.jvp(results, pairs)
+
+    def vjp(
+        self,
+        tape: Tape,
+        cotangents: Sequence[tuple[Scalar, Scalar]],
+        at: Joints,
+        inputs: Sequence[ca.SX],
+    ) -> list[Scalar]:
+        """Derivatives in the ``inputs`` q, v, a (3 n_a) of the sum of ``weight * result`` over
+        pairs of them, where results are those of joints ``at`` the inputs.
+        """
+        weights = ca.vertcat(*tape.build(tape.vjp(cotangents, at.given)))
+        found = ca.vertcat(*self.weights(*inputs, weights))
+        return [_on_tape(tape, found[k]) for k in range(found.numel())]
 
     def changes(self, q: ca.SX, v: ca.SX, a: ca.SX) -> Changes:
         """The `Changes` at a motion of the coordinates."""
@@ -153,10 +190,28 @@ def closed_joints_of(model: RobotModel, tree: RobotModel) -> ClosedJoints:
     _, _, _, W = at.function.call([z, none, none, multipliers])
     C = ca.mtimes(N.T, ca.mtimes(W, N))
     motion = [ca.densify(ca.mtimes(sums, x)) for x in (z, v_z, a_z)]
+    joints = ca.Function("joints", [q, v, a], [*motion, ca.mtimes(sums, N)])
     return ClosedJoints(
-        ca.Function("joints", [q, v, a], [*motion, ca.mtimes(sums, N)]),
+        joints,
         ca.Function("moved", [q, v, a], [ca.mtimes(sums, x) for x in (N, S, A)]),
         ca.Function("turned", [q, tau], [C]),
+        *_products(joints),
+    )
+
+
+def _products(joints: ca.Function) -> tuple[ca.Function, ca.Function]:
+    """``rates`` and ``weights`` of `ClosedJoints`."""
+    inputs = [ca.SX.sym(name, joints.numel_in(0)) for name in "qva"]
+    *motion, N = joints.call(inputs)
+    flat = ca.densify(ca.vertcat(*motion, ca.vec(N.T)))
+    x = ca.vertcat(*inputs)
+    changes = [ca.SX.sym(f"d{name}", joints.numel_in(0)) for name in "qva"]
+    weight = ca.SX.sym("weight", flat.numel())
+    back = ca.vertsplit(ca.densify(ca.jtimes(flat, x, weight, True)), joints.numel_in(0))
+    rates = ca.jtimes(flat, x, ca.vertcat(*changes))
+    return (
+        ca.Function("rates", [*inputs, *changes], [rates]),
+        ca.Function("weights", [*inputs, weight], back),
     )
 
 

@@ -52,14 +52,19 @@ def _inverse_dynamics(arm: Arm, kind: str) -> Built:
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         """One sweep from tangents of ``q, v, a``, or back from cotangents of the torques."""
         (q, v, a) = vectors(tape, *inputs)
+        at = arm.joints(tape, q, v, a)
+        tau = arm.torques_at(tape, chain, at, columns)
+        if arm.closed is not None and kind == "jvp":
+            return arm.closed.jvp(tape, tau, at, inputs, more)
         given = tape.vector(ca.veccat(*more))
-        tau = arm.torques(tape, chain, q, v, a, columns)
+        if arm.closed is not None:
+            return arm.closed.vjp(tape, list(zip(tau, given, strict=True)), at, inputs)
         x = [*q, *v, *a]
         if kind == "jvp":
             return tape.jvp(tau, zip(x, given, strict=True))
         return tape.vjp(list(zip(tau, given, strict=True)), x)
 
-    flat = arm.shortest([route])
+    flat = arm.shortest([route], several=arm.closed is None)
     out = ["tau_a"] if kind == "jvp" else Q_V_A
     found = [ca.vertcat(*flat[k * n : (k + 1) * n]) for k in range(len(out))]
     return [*inputs, *more], [*Q_V_A, *named], found, [name + suffix for name in out]
@@ -136,8 +141,15 @@ def _changes(
         derivatives.
         """
         at = by(tape, chain, columns)
-        h = arm.torques(tape, chain, at.q, at.v, [tape.constant(x) for x in at.a], columns)
-        changes = tape.jvp(h, zip([*at.q, *at.v], tape.vector(ca.vertcat(dq, dv)), strict=True))
+        joints = arm.joints(tape, at.q, at.v, [tape.constant(x) for x in at.a])
+        h = arm.torques_at(tape, chain, joints, columns)
+        if arm.closed is not None:
+            inputs = [ca.vertcat(*tape.build(x)) for x in (at.q, at.v, at.a)]
+            changes = arm.closed.jvp(tape, h, joints, inputs, [dq, dv, 0 * dq])
+        else:
+            changes = tape.jvp(
+                h, zip([*at.q, *at.v], tape.vector(ca.vertcat(dq, dv)), strict=True)
+            )
         return at.solve([x - y for x, y in zip(tape.vector(df), changes, strict=True)])
 
     routes = [partial(route, by) for by in accelerations.routes(arm, force, armature)]
@@ -155,9 +167,16 @@ def _weights(arm: Arm, force: ca.SX, armature: np.ndarray, weights: ca.SX) -> li
     ) -> list[Scalar]:
         """By one recursion for a, which also solves for mu; a is constant in the derivatives."""
         at = by(tape, chain, columns)
-        h = arm.torques(tape, chain, at.q, at.v, [tape.constant(x) for x in at.a], columns)
+        joints = arm.joints(tape, at.q, at.v, [tape.constant(x) for x in at.a])
+        h = arm.torques_at(tape, chain, joints, columns)
         mu = at.solve(tape.vector(weights))
-        return [*(-x for x in tape.vjp(list(zip(h, mu, strict=True)), [*at.q, *at.v])), *mu]
+        pairs = list(zip(h, mu, strict=True))
+        if arm.closed is not None:
+            inputs = [ca.vertcat(*tape.build(x)) for x in (at.q, at.v, at.a)]
+            found = arm.closed.vjp(tape, pairs, joints, inputs)[: 2 * n]
+        else:
+            found = tape.vjp(pairs, [*at.q, *at.v])
+        return [*(-x for x in found), *mu]
 
     routes = [partial(route, by) for by in accelerations.routes(arm, force, armature)]
     flat = arm.shortest(routes, kind=accelerations.kind(armature))
