@@ -23,6 +23,7 @@ from flexgen.model.moves import Move
 from flexgen.paths.geometry.jets import JET, ORDER, chain_rule
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timing.joint_limits import InverseKinematics, beyond_range
+from flexgen.paths.timing.loop_closure import check_closed
 from flexgen.paths.timing.move_planner import plan_move
 from flexgen.paths.timing.timed_segments import JointMotion, PlannedMove, TimedSegment
 
@@ -293,8 +294,8 @@ def plan(
     ArgumentError, ModelError
         The move is unknown or does not fit the model.
     SolverError
-        The path leaves the range of a joint or the workspace, or passes a singular pose; the
-        message names the instant.
+        The path leaves the range of a joint or the workspace, passes a singular pose, or a
+        position in which a closed loop comes apart; the message names the instant.
 
     Examples
     --------
@@ -338,6 +339,8 @@ def joints_along(path: Path, speeds: bool = False) -> Iterator[tuple[np.ndarray,
         t = segment.instants(CHECKED if len(path.segments) == 1 else count)
         x, attitude = segment.at(t)
         if segment.space == "joint":
+            if robot.loops:
+                check_closed(robot, path.move.name, t, x[:, :, 0])
             q_g = x[-1, :, 0]
             yield x[:, :, 0], x[:, :, 1]
         elif robot.output.size == robot.n_g:

@@ -294,9 +294,10 @@ def closed_values(model: RobotModel, q_a: np.ndarray) -> Values:
         here = dict(zip(names, (start + way * (k / count)).tolist(), strict=True))
         values, error = newton(model, values | here)
         if not error < 1e3 * CLOSED:
+            worst = model.loops[int(np.argmax(closure(model, values).gaps))]
             raise ArgumentError(
-                f"model {model.name}: given coordinates at which its closed loops are open by "
-                f"{error * size:.3g} m, expected coordinates at which they can be closed"
+                f"model {model.name}: given coordinates at which its closed loop {worst.name} is "
+                f"open by {error * size:.3g} m, expected coordinates at which it can be closed"
             )
     return values
 
