@@ -63,7 +63,11 @@ def rows_of(robot: flexgen.RobotModel, folder: Path, rounds: int) -> list[str]:
 
     def sampled(period: float) -> list[np.ndarray]:
         instants = period * np.arange(round(path.duration / period) + 1)
-        return list(path.sample(instants).y.transpose(2, 0, 1)[:3])
+        sample = path.sample(instants)
+        target = sample.y[:, :, 0]
+        if sample.R is not None:  # columns of the rotation
+            target = np.hstack([target, sample.R.transpose(0, 2, 1).reshape(-1, 9)])
+        return [target, sample.derivative(1), sample.derivative(2)]
 
     for mesh in MESHES:
         y = sampled(PERIOD)
@@ -103,12 +107,9 @@ def main() -> None:
     rows: list[str] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        files: list[str | Path] = []
-        for template in ("four-bar", "delta"):
-            file = folder / f"{template}.toml"
-            file.write_text(new_model(template.replace("-", "_"), template), encoding="utf-8")
-            files.append(file)
-        files.append("palletizer")
+        file = folder / "four-bar.toml"
+        file.write_text(new_model("four_bar", "four-bar"), encoding="utf-8")
+        files: list[str | Path] = [file, "delta", "palletizer", "linkage_arm"]
         for model in files[: 1 if given.quick else None]:
             found = rows_of(flexgen.read(model), folder, 2 if given.quick else ROUNDS)
             print("\n".join(found), flush=True)

@@ -40,6 +40,8 @@ REFUSED = {
     "beam_arm": "beam",
     "kr300_balancer": "gas spring",
     "palletizer": "line without mass",
+    "delta": "line without mass",
+    "linkage_arm": "line without mass",
     "kr300@backlash": "dead band",
     "manutec_r3": "coulomb",
     "manutec_r3@coupled": "coulomb",

@@ -273,6 +273,10 @@ def check_linearize(a: Answers, model: RobotModel, some: list[State]) -> None:
             assert_close(B[:, k], found, 1.0, LINEAR * np.abs(found).max() + noise)
 
 
+# s after which the torques of `states` drive a light robot with loops out of its workspace
+WITHIN = {"delta": 0.03}
+
+
 def check_energy(a: Answers, model: RobotModel, start: State, time: float = 0.15) -> None:
     """Energy balance: work of the motors minus dissipation of friction and dampers is the change
     of the energy of the machine.
@@ -330,7 +334,7 @@ def test_every_model_obeys_the_law(name, check):
 def test_energy_is_balanced(name):
     model = model_of(name)
     (start,) = states(model, 1)
-    check_energy(answers(name), model, start)
+    check_energy(answers(name), model, start, WITHIN.get(name, 0.15))
 
 
 # --- controls: the checks see planted bugs -------------------------------------------------------

@@ -49,6 +49,8 @@ COUNTS = {
     "beam_arm": (2, 2, 2, 6, ()),
     "urdf_arm": (3, 3, 1, 5, ()),
     "palletizer": (4, 4, 4, 12, ()),
+    "delta": (3, 3, 3, 9, ()),
+    "linkage_arm": (6, 6, 3, 15, ()),
     "two_arm": (5, 5, 1, 11, ()),
     "carried_arm": (5, 5, 3, 13, ()),
     "seven_axis": (7, 7, 10, 24, ()),

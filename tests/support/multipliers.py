@@ -115,6 +115,16 @@ def across(axis: np.ndarray) -> np.ndarray:
     return out
 
 
+def tension(line: Any, length: float) -> float:
+    """Tension of a spring, rod or gas spring at rest."""
+    if not hasattr(line, "pressure"):
+        return float(getattr(line, "preload", 0.0) + line.stiffness * (length - line.length))
+    outwards = 1.0 if line.acts == "push" else -1.0
+    volume = line.volume + outwards * line.area * (length - line.length)
+    pressure = line.pressure * np.exp(line.exponent * np.log(line.volume / volume))
+    return float(-outwards * line.area * (pressure - line.ambient_pressure))
+
+
 class Multipliers:
     """A robot with rigid or elastic gears, linear springs and closed loops."""
 
@@ -300,8 +310,9 @@ class Multipliers:
         f -= m / 6.0 * (P1.T @ (2.0 * b1 + b2) + P2.T @ (b1 + 2.0 * b2))
         f += m / 2.0 * (P1 + P2).T @ np.array(self.model.gravity)
         length = np.linalg.norm(p2 - p1)
-        tension = getattr(line, "preload", 0.0) + line.stiffness * (length - line.length)
-        f += tension * (P1 - P2).T @ ((p2 - p1) / length)
+        along = (P1 - P2).T @ ((p2 - p1) / length)
+        velocities = np.concatenate([[*node.v, *node.w] for node in self.tree[1:]])
+        f += (tension(line, float(length)) - line.damping * along @ velocities) * along
 
     def joint_accelerations(self, a: np.ndarray) -> dict[str, float]:
         """Relative accelerations along the joints from those of the nodes."""
