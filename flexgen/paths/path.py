@@ -23,7 +23,6 @@ from flexgen.model.moves import Move
 from flexgen.paths.geometry.jets import JET, ORDER, chain_rule
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timing.joint_limits import InverseKinematics, beyond_range
-from flexgen.paths.timing.loop_closure import check_closed
 from flexgen.paths.timing.move_planner import plan_move
 from flexgen.paths.timing.timed_segments import JointMotion, PlannedMove, TimedSegment
 
@@ -340,6 +339,8 @@ def joints_along(path: Path, speeds: bool = False) -> Iterator[tuple[np.ndarray,
         x, attitude = segment.at(t)
         if segment.space == "joint":
             if robot.loops:
+                from flexgen.paths.timing.loop_closure import check_closed  # here: few have loops
+
                 check_closed(robot, path.move.name, t, x[:, :, 0])
             q_g = x[-1, :, 0]
             yield x[:, :, 0], x[:, :, 1]
