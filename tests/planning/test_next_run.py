@@ -10,6 +10,7 @@ import shutil
 import learning_plants as plants
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 from toolchain import needs_compiler
 
@@ -17,6 +18,7 @@ import flexgen
 from flexgen.base.errors import ArgumentError
 from flexgen.cli.main import main
 from flexgen.dynamics.mechanics.equations import derive
+from flexgen.planning.learning import frame_of_poses
 from flexgen.planning.learning.alignment import align, procrustes
 from flexgen.planning.learning.band import learning_band
 from flexgen.planning.learning.history import LearningRun, best_of, judge
@@ -186,6 +188,53 @@ def test_a_constant_delay_is_hidden_and_said(copy):
     assert seen.last.largest > 1e-3 and seen.hidden_m == 0.0
 
 
+def late_record(folder, model, late, offset, reading):
+    """Write a record of a run all of which is late by a time [s], with motor angles by the clock
+    of the drives, which reads ``reading`` [s] where the path begins, and a tracker that is read
+    ``offset`` [s] later; return the path.
+    """
+    path = flexgen.plan(model, "line")
+    sent = flexgen.Trajectory.load(folder / "trajectory.csv")
+    time = np.arange(-0.3, path.duration + 0.5, 2e-3)
+    at = np.clip(time - late, sent.time[0], sent.time[-1])
+    motors = make_interp_spline(sent.time, sent["q_m"], k=5)(at)
+    tool = path.sample(time - late + offset).y[:, :, 0]
+    names = [f"q_m[{motor.name}] rad" for motor in model.motors]
+    names += [f"{axis}_m" for axis in model.output.axes]
+    table = np.column_stack([time + reading, motors, tool])
+    header = ",".join(["time_s", *names])
+    np.savetxt(folder / "run.csv", table, fmt="%.12g", delimiter=",", header=header, comments="")
+    return path
+
+
+@pytest.mark.parametrize("is_planted", [False, True])
+def test_motors_tell_the_clock_of_a_tracker(copy, monkeypatch, is_planted):
+    """Motors that are 3 ms late take the tool with them, since a motion that is late as a whole
+    does not change; a tracker whose clock is 7 ms off shows its error.
+    """
+    folder, model = copy
+    path = late_record(folder, model, late=3e-3, offset=7e-3, reading=1.0)
+    if is_planted:
+        monkeypatch.setattr(
+            LinearisedArm, "with_motors", lambda self, *d: np.zeros((self.count, self.model.n_a))
+        )
+    options = {"frame": [0.0] * 6, "clock": 1.0, "clock_of": "drives", "frequency_hz": 6.0}
+    found = learn(model, folder, folder / "run.csv", **options)
+    time = np.linspace(0.0, path.duration, 1000)
+    late = path.sample(time - 3e-3).y[:, :, 0] - path.sample(time).y[:, :, 0]
+    error = float(np.linalg.norm(late, axis=1).max())
+    is_right = abs(found.clock_s - (1.0 - 7e-3)) < 2e-5
+    is_seen = found.last.largest == pytest.approx(error, rel=0.02)
+    assert (is_right, is_seen) == (not is_planted, not is_planted)
+
+
+def test_the_clock_of_drives_needs_motors(copy):
+    folder, model = copy
+    fake_record(folder / "run.csv", model, "line", bump)
+    with pytest.raises(ArgumentError, match=r"clock_of: given 'drives'.*q_m"):
+        learn(model, folder, folder / "run.csv", frame=[0.0] * 6, clock_of="drives")
+
+
 def spoil(table, how):
     """A table of a record (n, 3), spoiled."""
     table = table.copy()
@@ -309,6 +358,44 @@ def test_a_frame_is_found_again():
         align("run", time, measured * [1, 1, -1], path, 1.0)
     with pytest.raises(ArgumentError, match="the path is a line"):
         align("run", time, measured, lambda t: path(t)[:, :1] * [[1.0, 2.0, 0.5]], 1.0)
+
+
+@pytest.mark.parametrize("place", [frame_of_poses.PLACE, 1e-9])
+def test_static_poses_give_the_frame(tmp_path, monkeypatch, place):
+    """Also where the tracker is 2 mm from where the file has it; planted: its place is kept."""
+    monkeypatch.setattr(frame_of_poses, "PLACE", place)
+    file = tmp_path / "arm.toml"
+    file.write_text(plants.model_text())
+    ball = {"name": "ball", "type": "tracker", "unit": "m", "element": "tool"}
+    model, true = (
+        flexgen.read(file, overrides={"sensor": [ball | {"position": at}]})
+        for at in ([0.02, 0.05, 0.03], [0.0215, 0.0488, 0.0314])
+    )
+    rng = np.random.default_rng(3)
+    q = np.array([0.0, -0.6, 1.2]) + rng.uniform(-0.9, 0.9, (40, 3))
+    base = flexgen.tracker_positions(true, q)[:, 0]
+    seen = (base - TRACKER[:3]) @ Rotation.from_rotvec(TRACKER[3:]).as_matrix()
+    seen[5] += 0.02  # a gross error
+    header = "q1_rad,q2_rad,q3_rad,ball_x_mm,ball_y_mm,ball_z_mm"
+    rows = np.column_stack([q, 1e3 * (seen + 1e-5 * rng.normal(size=seen.shape))])
+    np.savetxt(tmp_path / "poses.csv", rows, delimiter=",", header=header, comments="")
+    found, rms, count = frame_of_poses.frame_of_poses(tmp_path / "poses.csv", model)
+    is_right = np.abs(found - TRACKER).max() < 2e-5 and rms < 3e-5 and count == 39
+    assert is_right == (place > 1e-3)
+
+
+def test_poses_that_do_not_fit_are_refused(copy):
+    folder, model = copy
+    fake_record(folder / "run.csv", model, "line", bump)
+    (folder / "poses.csv").write_text("q1_rad,q2_rad\n0,0\n")
+    with pytest.raises(ArgumentError, match="no \\[\\[sensor\\]\\] of type"):
+        learn(model, folder, folder / "run.csv", poses=str(folder / "poses.csv"))
+    with pytest.raises(ArgumentError, match="poses: given with frame"):
+        flexgen.LearningOptions(poses="poses.csv", frame=[0.0] * 6)
+    point = {"name": "p", "type": "tracker", "unit": "m"}
+    tracked = flexgen.read("elbow", overrides={"sensor": [point]})
+    with pytest.raises(ArgumentError, match="expected also p_x_mm"):
+        frame_of_poses.frame_of_poses(folder / "poses.csv", tracked)
 
 
 def test_the_low_pass_keeps_slow_errors_and_ends_constant():

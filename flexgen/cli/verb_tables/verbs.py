@@ -638,11 +638,24 @@ ROWS = (
                     "number",
                 ),
                 Option(
+                    "clock_of",
+                    "what --clock is read from: record, the clock of all columns (default), or "
+                    "drives, that of the motor angles; the tracker then has another one, which is "
+                    "estimated",
+                    choices=("record", "drives"),
+                ),
+                Option(
                     "frame",
                     "pose of the tracker in the base of the robot, position [m] and rotation "
                     "vector [rad], six numbers; default: estimated from the record",
                     "X ...",
                     "numbers",
+                ),
+                Option(
+                    "poses",
+                    "static poses that the tracker measured from the same place, a file as for "
+                    "calibrate: they give its frame",
+                    "FILE",
                 ),
             ),
             "learning": (

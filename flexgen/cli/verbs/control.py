@@ -55,7 +55,7 @@ OF_MODELS = (
 )
 """Options of `tune` that are for models only."""
 
-OF_NEXT_RUN = ("folder", "clock", "frame")
+OF_NEXT_RUN = ("folder", "clock", "clock_of", "frame", "poses")
 """Options of `learn` with --measured."""
 
 OF_SIMULATED_LEARNING = (
@@ -275,7 +275,7 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
             "--measured: given without --folder, expected also the folder of the move, with the "
             "torques of its last run in trajectory.csv: --folder DIR"
         )
-    names = ("clock", "frame", *OF_BOTH)
+    names = ("clock", "clock_of", "frame", "poses", *OF_BOTH)
     options = {name: getattr(args, name) for name in names if name in args.given}
     found = next_run(
         read_model(args),

@@ -10,8 +10,9 @@ The errors of a robot are not noise: softer springs, and motors that friction ho
 tool as a later clock does in part. Where the frame is known, `Alignment.refine` therefore fits
 the clock together with the errors that the model expects,
 
-    r = v d + G s + noise,      v: speed of the path, s: errors of unit size, sd 1
+    r = v d + G s + c + noise,  v: speed of the path, s: errors of unit size, sd 1, c constant
 
+with a noise that is that of what is left,
 and takes only ``v d`` off. A frame that is estimated is that of Procrustes: six more unknowns and
 such errors were not told apart on simulated robots.
 
@@ -56,6 +57,9 @@ FACTORS |= {100.0: "cm given as m", 0.01: "m given as cm", 25.4: "inches", 1 / 2
 # Part of an error in addition to the expected ones, and the least noise of a tracker [m].
 UNEXPLAINED = 0.2
 SMALLEST_NOISE = 2e-6
+ALIKE_NEARBY = 1.5  # noise in the fit over what it leaves, which is not independent
+PLACED = 2e-4  # m: standard deviation of a constant error
+WEIGHED = 6  # fits, each with the noise that the one before left
 NEAR = 0.05  # relative difference from such a factor
 
 Curve = Callable[[np.ndarray], np.ndarray]
@@ -67,13 +71,15 @@ class Alignment:
 
     ``clock_s``: reading of the record's clock where the path begins [s]; ``frame`` (6,): pose of
     the tracker in the frame of the path, position [m] and rotation vector [rad];
-    ``clock_fitted``, ``frame_fitted``: estimated from the record.
+    ``clock_fitted``, ``frame_fitted``: estimated from the record; ``clock_sd_s``: standard
+    deviation of the clock [s], where it was fitted together with expected errors.
     """
 
     clock_s: float
     frame: np.ndarray
     clock_fitted: bool
     frame_fitted: bool
+    clock_sd_s: float | None = None
 
     def positions(self, measured: np.ndarray) -> np.ndarray:
         """Measured positions (n, d) in the frame of the path."""
@@ -99,12 +105,20 @@ class Alignment:
         if self.frame_fitted or not self.clock_fitted:
             return self
         G = expected.reshape(len(expected), -1).T
+        d = residual.shape[1]
+        still = np.kron(np.ones((len(residual), 1)), PLACED * np.eye(d))
         speed = np.gradient(path(time), time, axis=0).ravel()
-        noise = max(UNEXPLAINED * float(np.sqrt((residual**2).mean())), SMALLEST_NOISE)
-        rows = np.vstack([np.column_stack([speed, G]) / noise, np.eye(1 + G.shape[1])[1:]])
-        sides = np.concatenate([residual.ravel() / noise, np.zeros(G.shape[1])])
-        late = float(np.linalg.lstsq(rows, sides, rcond=None)[0][0])
-        return Alignment(self.clock_s - late, self.frame, True, False)
+        A = np.column_stack([speed, G, still])
+        sides = residual.ravel()
+        prior = np.eye(A.shape[1])[1:]
+        noise = max(UNEXPLAINED * float(np.sqrt((sides**2).mean())), SMALLEST_NOISE)
+        for _ in range(WEIGHED):
+            rows = np.vstack([A / noise, prior])
+            x = np.linalg.lstsq(rows, np.concatenate([sides / noise, np.zeros(len(prior))]))[0]
+            left = float(np.sqrt(((sides - A @ x) ** 2).mean()))
+            noise = max(ALIKE_NEARBY * left, SMALLEST_NOISE)
+        sd = float(np.sqrt(np.linalg.inv(rows.T @ rows)[0, 0]))
+        return Alignment(self.clock_s - float(x[0]), self.frame, True, False, sd)
 
     def hidden(self, error: np.ndarray, time: np.ndarray, path: Curve) -> np.ndarray:
         """The part (n, d) of an error (n, d) [m] along what small errors of clock and frame do, as
@@ -214,7 +228,7 @@ def align(
                 else "check the frame of the tracker, or leave it out, and it is estimated"
             )
         )
-    pose = np.array(frame) if frame is not None else _pose(R, c)
+    pose = np.array(frame) if frame is not None else pose_of(R, c)
     return Alignment(clock, pose, clock_s is None, frame is None)
 
 
@@ -237,7 +251,7 @@ def _transform(frame: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray]:
     return R[:d, :d], np.asarray(frame[:d])
 
 
-def _pose(R: np.ndarray, c: np.ndarray) -> np.ndarray:
+def pose_of(R: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Pose (6,) of a rotation (d, d) and a translation (d,) [m]; d is 2 or 3."""
     d = len(c)
     full = np.eye(3)

@@ -82,11 +82,18 @@ class LinearisedArm:
         """Deviations ``z`` (n, n_z) of the springs' side, and two rates, with the motors given."""
         free = self.free
         driven = self.driven
-        h = self.step
-        M, D, K = (self._between(k, free, free) for k in range(3))
         force = np.zeros((self.count, len(free)))
         for which, rate in ((0, a), (1, v), (2, x)):
             force -= np.einsum("nij,nj->ni", self._between(which, free, driven), rate)
+        return self._integrate(force)
+
+    def _integrate(self, force: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Deviations ``z`` (n, n_z) of the springs' side, and two rates, under a force (n, n_z),
+        with the motors locked; at first in equilibrium.
+        """
+        free = self.free
+        h = self.step
+        M, D, K = (self._between(k, free, free) for k in range(3))
         z = np.zeros((3, self.count, len(free)))
         z[0, 0] = np.linalg.solve(K[0], force[0])
         for n in range(self.count - 1):
@@ -99,16 +106,28 @@ class LinearisedArm:
             z[0, n + 1] = guess + h * h / 4 * rate
         return z[0], z[1], z[2]
 
-    def softer(self, torque: np.ndarray, share: float) -> np.ndarray:
-        """Deflections (n, n_a) [rad or m] at slow motion where all springs are softer by a share,
-        with the motors locked.
-
-        ``torque`` (n, n_a): torques of the springs, ``share``: such as 0.1.
+    def under_torques(self, torque: np.ndarray) -> np.ndarray:
+        """Deviations (n, n_a) [rad or m] of the arm under further torques (n, n_a) [N m or N] with
+        locked motors.
         """
         n_a = self.model.n_a
-        moved = [i for i in self.free if i < n_a]
-        K = self._between(2, moved, moved)
-        found = np.zeros((self.count, n_a))
-        if moved:
-            found[:, moved] = np.linalg.solve(K, share * torque[:, moved, None])[:, :, 0]
-        return found
+        force = np.zeros((self.count, self.model.dof))
+        force[:, :n_a] = torque
+        moved = np.zeros((self.count, self.model.dof))
+        moved[:, self.free] = self._integrate(force[:, self.free])[0]
+        return moved[:, :n_a]
+
+    def with_motors(self, dq: np.ndarray, dv: np.ndarray, da: np.ndarray) -> np.ndarray:
+        """Deviations (n, n_a) [rad or m] of the arm with motors that deviate by dq (n, n_m) [rad]
+        and their rates [rad/s, rad/s^2].
+        """
+        x, v, a = (d @ self._x_of_motors.T for d in (dq, dv, da))
+        moved = np.zeros((self.count, self.model.dof))
+        moved[:, self.driven] = x
+        moved[:, self.free] = self.free_motion(x, v, a)[0]
+        return moved[:, : self.model.n_a]
+
+    def stiffness(self) -> np.ndarray:
+        """Stiffness (n, n_a) [N m/rad or N/m] of each coordinate of the arm alone."""
+        arm = list(range(self.model.n_a))
+        return np.asarray(np.diagonal(self._between(2, arm, arm), axis1=1, axis2=2))

@@ -23,7 +23,7 @@ Systems Magazine 26(3), 2006.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -31,7 +31,7 @@ import numpy as np
 from flexgen.base.calls.progress import Choice, reported
 from flexgen.base.checks.type_checks import checked_result, checked_types
 from flexgen.base.display import format_size
-from flexgen.base.errors import ArgumentError
+from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.motion.trajectory import Trajectory
 from flexgen.base.numerics.evaluate import evaluate
 from flexgen.base.results import Result
@@ -46,6 +46,7 @@ from flexgen.paths.force.process_force import CHANNEL, make_force
 from flexgen.paths.path import Path, find_move
 from flexgen.planning.learning.band import learning_band
 from flexgen.planning.learning.corrected import CorrectedPath
+from flexgen.planning.learning.frame_of_poses import frame_of_poses
 from flexgen.planning.learning.history import (
     ENDED,
     GREW,
@@ -69,7 +70,7 @@ from flexgen.planning.learning.next_trajectory import (
     start_notes,
 )
 from flexgen.planning.learning.options import LearningOptions
-from flexgen.planning.learning.seen_error import SOFTER, SeenError, see_error
+from flexgen.planning.learning.seen_error import SHOWN_SOFTER, SeenError, see_error
 from flexgen.planning.learning.window import MOST, WIDE, learned_part, low_pass
 
 # Largest distance between the output of a trajectory and the corrected path, over the size of the
@@ -78,6 +79,8 @@ SAME_PATH = 1e-2
 # Begin of the corrected motion before the path [s]: a low pass of some Hz has settled there.
 EARLY_S = 0.5
 BAND_AT = 0.0, 0.5, 0.8  # parts of the path at which the band of learning is computed
+LOWER = 0.8  # of the frequency, where the corrected path has no inverse
+TRIES = 8
 HALF = 0.5  # of the frequency after which the error grew
 
 
@@ -228,11 +231,11 @@ class NextRun(Result):
             ),
             Data("frame", list(self.frame)),
             Row(
-                f"error of springs {SOFTER:.0%} softer, largest",
+                f"error of springs {SHOWN_SOFTER:.0%} softer, largest",
                 self.soft_m,
                 "m",
                 "soft_m",
-                note="at slow motion, from the model",
+                note="from the model",
             ),
             Row("of it along what the estimates of clock and frame hide", hidden, "m", "hidden_m"),
             Table(columns, cells, "Runs", "runs"),
@@ -313,8 +316,8 @@ def next_run(
     ('316 um', 1)
     """
     tell = progress if callable(progress) else (lambda line: None)
-    chosen = options or LearningOptions()
     robot = robot_of(model)
+    chosen, frame_notes = _with_frame(options or LearningOptions(), robot)
     place = read_folder(folder)
     record = read_run(measured, robot)
     _check_new(record, place)
@@ -327,12 +330,13 @@ def next_run(
     corrected = CorrectedPath(elastic, path.move, robot, force, tell, EARLY_S)
     given = corrections_of(last, corrected)
     _check_trajectory(place, corrected, given[0])
-    seen = see_error(record, robot, corrected, last, chosen)
+    is_first = not any(run.measured == "tool" for run in place.runs)
+    seen = see_error(record, robot, corrected, last, chosen, is_first=is_first)
     low = _frequency(chosen, place.runs, corrected, last, 1.0 / record.step)
     run = _judge_run(seen, record, place, low, float(chosen.gain))
     runs = (*place.runs, run)
     same = [r for r in runs if r.measured == run.measured]
-    notes = [*record.notes, *seen.notes]
+    notes = [*record.notes, *frame_notes, *seen.notes]
     if run.state in (ENDED, GREW):
         iteration = best_of(same)
         file_of = place.command(iteration)
@@ -341,13 +345,13 @@ def next_run(
     else:
         iteration = place.next_iteration
         tell(f"inverse dynamics of iteration {iteration}")
-        of_path, of_motors = (x.copy() for x in given)
-        learned = chosen.gain * learned_part(seen.time, seen.error, corrected.time, low)
-        if seen.rows is None:
-            of_motors -= learned
-        else:
-            of_path[:, seen.rows] -= learned
-        trajectory = make_trajectory((of_path, of_motors), corrected, last, iteration)
+        trajectory, used = _correct(seen, given, corrected, last, iteration, low, chosen)
+        if used < low:
+            notes.append(
+                f"learned up to {used:.3g} Hz: with {low:.3g} Hz the corrected path has no inverse"
+            )
+            run = _judge_run(seen, record, place, used, float(chosen.gain))
+            runs = (*place.runs, run)
         notes += note_changed_model(corrected, given, last)
         file = write_folder(place, runs, trajectory, iteration)
     notes += start_notes(trajectory, last)
@@ -367,6 +371,48 @@ def next_run(
         seen.soft_m,
         tuple(notes),
     )
+
+
+def _correct(
+    seen: SeenError,
+    given: tuple[np.ndarray, np.ndarray],
+    corrected: CorrectedPath,
+    last: Trajectory,
+    iteration: int,
+    low: float,
+    options: LearningOptions,
+) -> tuple[Trajectory, float]:
+    """The trajectory of the next run, and the frequency up to which it learns [Hz]: the given one,
+    or where it was not asked for one at which the corrected path has an inverse.
+    """
+    tries = (low,) if options.frequency_hz is not None else low * LOWER ** np.arange(TRIES)
+    for frequency in tries:
+        of_path, of_motors = (x.copy() for x in given)
+        learned = options.gain * learned_part(seen.time, seen.error, corrected.time, frequency)
+        if seen.rows is None:
+            of_motors -= learned
+        else:
+            of_path[:, seen.rows] -= learned
+        try:
+            found = make_trajectory((of_path, of_motors), corrected, last, iteration)
+        except SolverError:
+            if frequency == tries[-1]:
+                raise
+        else:
+            break
+    return found, float(frequency)
+
+
+def _with_frame(options: LearningOptions, robot: RobotModel) -> tuple[LearningOptions, list[str]]:
+    """Options with the frame that static poses show, where they are given, and a note on it."""
+    if options.poses is None:
+        return options, []
+    frame, rms, count = frame_of_poses(options.poses, robot)
+    note = (
+        f"frame of the tracker from {count} points of {FilePath(options.poses).name}, which fit "
+        f"the model to {format_size(rms, 'm')} rms"
+    )
+    return replace(options, frame=tuple(map(float, frame)), poses=None), [note]
 
 
 def _check_new(record: MeasuredRun, place: LearningFolder) -> None:

@@ -57,6 +57,10 @@ def make_trajectory(
         for name, x in zip(("q_m", "v_m", "a_m"), moved, strict=True):
             channels[name] = channels[name] + x
     channels["tau_g"] = found.tau_g
+    # the next run needs no more samples than the periods of the path
+    every = round(corrected.period / found.period)
+    time = time[::every]
+    channels = {name: x[::every] for name, x in channels.items()}
     channels[CORRECTION] = _spline(corrected.time, of_path, time)[0]
     channels[MOTOR_CORRECTION] = _spline(corrected.time, of_motors, time)[0]
     return _with_labels(channels, time, corrected, last, iteration)

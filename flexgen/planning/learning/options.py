@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
@@ -32,9 +33,17 @@ class LearningOptions:
         Feedback of the robot, as for `flexgen.control`: for the default frequency.
     clock : float, optional [s]
         Reading of the record's clock where the path begins; default: estimated from the record.
+    clock_of : {"record", "drives"}
+        What `clock` is read from: ``"record"``, the one clock of all columns; ``"drives"``, that
+        of the motor angles, while the tracker in the same rows has another one. Its offset is
+        estimated with the motor angles, which tell where the tool is expected.
     frame : sequence of float, optional
         Pose of the tracker in the base of the robot, position [m] and rotation vector [rad], six
-        numbers; default: estimated from the record. Six zeros: it measures in the base.
+        numbers; default: that of ``poses``, or estimated from the record. Six zeros: it measures
+        in the base.
+    poses : str or Path, optional
+        Static poses that the tracker measured from the same place, a file as for
+        `flexgen.calibrate`: they give its frame.
 
     Examples
     --------
@@ -48,7 +57,9 @@ class LearningOptions:
     sample_time: Positive = SAMPLE_S
     delay: NotNegative = 0.0
     clock: float | None = None
+    clock_of: Literal["record", "drives"] = "record"
     frame: Sequence[float] | None = None
+    poses: str | Path | None = None
 
     def __post_init__(self) -> None:
         if self.pose is not None and not (
@@ -58,6 +69,9 @@ class LearningOptions:
                 f"frame: given {self.frame!r}, expected six numbers: position [m] and rotation "
                 "vector [rad] of the tracker in the base"
             )
+
+        if self.frame is not None and self.poses is not None:
+            raise ArgumentError("poses: given with frame, expected one of the two")
 
     @property
     def pose(self) -> np.ndarray | None:

@@ -1,8 +1,8 @@
 """The measured error of a run: of the tool by a tracker, or of the motors.
 
-The springs that are softer, at slow motion, and motors that friction holds back make the errors
-that the model expects; see `alignment.py`. Where the record has a tracker, its motor angles are
-not used: a lag of the motors looks like a delay of their clock, too.
+Where the record has a tracker, its motor angles are not learned from. Where the clock that is
+stated is that of the drives, they tell where the model expects the tool, `planned_motion.py`, and
+with that the clock of the tracker; without it a lag of the motors looks like a later clock.
 """
 
 from __future__ import annotations
@@ -17,27 +17,23 @@ from scipy.optimize import minimize_scalar
 from flexgen.base.display import format_size
 from flexgen.base.errors import ArgumentError
 from flexgen.base.motion.trajectory import Trajectory
-from flexgen.base.numerics.evaluate import evaluate
-from flexgen.codegen.build.model_library import library_with
-from flexgen.feedback.loop.sampled_model import output_jacobian
 from flexgen.model.elements import RobotModel
 from flexgen.paths.path import Path
 from flexgen.planning.learning.alignment import Alignment, align
 from flexgen.planning.learning.corrected import CorrectedPath
 from flexgen.planning.learning.measured_run import MeasuredRun, SharedAxes, axes_in_output
-from flexgen.planning.learning.motor_reaction import LinearisedArm
-from flexgen.planning.learning.next_trajectory import MOTION, MOTOR_CORRECTION
+from flexgen.planning.learning.next_trajectory import MOTOR_CORRECTION
 from flexgen.planning.learning.options import LearningOptions
+from flexgen.planning.learning.planned_motion import SOFTER, PlannedMotion
+from flexgen.planning.learning.window import MOST, low_pass
 
-SOFTER = 0.1  # change of all springs of which the hidden error is stated
 LARGEST_MOTOR = 0.2  # motor error over the motion of the motor: a record of another move
 MOVES = 1e-2  # motion of a motor over the largest one: motors with less are not compared
 EARLIEST_S = 0.3  # the path begins at most so long before a record of motors
 COARSE_S = 2e-3  # step of the first search for the clock of motors [s]
-# Angle of a joint by which friction holds its motor back [rad], and the part of the largest speed
-# below which it does so less.
-HELD = 2e-4
-SLOW = 0.02
+SHOWN_HZ = 60.0  # of the measured motors: up to which they move the tool
+SHOWN_SOFTER = 0.1  # change of all springs of which the hidden error is stated
+AROUND_S = 0.3  # of a record before and after the path: compared with the expected errors
 REFINED = 3  # times that the clock is fitted with the expected errors
 
 
@@ -65,8 +61,14 @@ def see_error(
     corrected: CorrectedPath,
     last: Trajectory,
     options: LearningOptions,
+    *,
+    is_first: bool = True,
 ) -> SeenError:
-    """The error of a record: of the tool where a tracker measured it, else of the motors."""
+    """The error of a record: of the tool where a tracker measured it, else of the motors.
+
+    ``is_first``: no error of the tool was learned before. Later the tool is near the path, and a
+    clock that is estimated is that with which it is: what the first record told of it stays.
+    """
     if not record.axes:
         if options.frame is not None:
             raise ArgumentError(
@@ -77,26 +79,35 @@ def see_error(
         return SeenError(time, error, None, at, (), None, None, _blind_notes(robot))
     rows = axes_in_output(record.axes, robot)
     curve = _positions_of(corrected.path, record.axes, rows)
+    by_motors = options.clock_of == "drives"
+    motion = PlannedMotion(corrected, last, record.time[-1] - record.time[0], rows)
+    reached = curve
+    if by_motors and is_first:
+        lag_time, lag = _motor_lag(record, corrected, last, options.clock, robot)
+        reached = motion.tool_path(lag_time, lag)
     found = align(
         record.source,
         record.time,
         record.position,
-        curve,
+        reached,
         corrected.path.duration,
-        clock_s=options.clock,
+        clock_s=None if by_motors else options.clock,
         frame=options.pose,
     )
-    grid, expected = _expected_errors(corrected, last, rows)
-    springs = len(expected) - robot.n_m
+    grid, expected, springs = motion.list_errors(by_motors)
+    used = (grid >= -AROUND_S) & (grid <= corrected.path.duration + AROUND_S)
+    grid = grid[used]
+    expected = expected[:, used]
     for _ in range(REFINED):
         time = record.time - found.clock_s
-        error = found.positions(record.position) - curve(time)
+        error = found.positions(record.position) - reached(time)
         inside = (time >= grid[0]) & (time <= grid[-1])
         shapes = np.array([_resample(x, grid, time[inside]) for x in expected])
-        found = found.refine(error[inside], time[inside], curve, shapes)
+        found = found.refine(error[inside], time[inside], reached, shapes)
     time = record.time - found.clock_s
     error = (found.positions(record.position) - curve(time))[:, rows.tracker]
-    soft, hidden = _hidden(found, grid, curve, expected, springs)
+    along = (grid >= 0.0) & (grid <= corrected.path.duration)
+    soft, hidden = _hidden(found, grid[along], curve, expected[:springs, along])
     return SeenError(
         time,
         error,
@@ -122,6 +133,8 @@ def _estimate_notes(found: Alignment, speed: float) -> list[str]:
     """
     parts = ["a constant offset of the tool and a tilt of the whole path"] * found.frame_fitted
     delay = f"a constant delay along the path, {format_size(1e-4 * speed, 'm')} for each 0.1 ms"
+    if found.clock_sd_s is not None:
+        delay += f", with a standard deviation of {format_size(found.clock_sd_s, 's')}"
     parts += [delay] * found.clock_fitted
     if not parts:
         return []
@@ -248,37 +261,22 @@ def _align_motors(
     return clock
 
 
-def _expected_errors(
-    corrected: CorrectedPath, last: Trajectory, rows: SharedAxes
+def _motor_lag(
+    record: MeasuredRun,
+    corrected: CorrectedPath,
+    last: Trajectory,
+    clock: float | None,
+    robot: RobotModel,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Instants (k,) [s] along the path, and errors of the tracked point (m, k, d) [m] that the
-    model expects: of each spring that is softer, at slow motion, then of each motor that friction
-    holds back.
-    """
-    equations = corrected.equations
-    model = equations.model
-    inside = np.flatnonzero((last.time >= 0.0) & (last.time <= corrected.path.duration))
-    at = inside[np.unique(np.linspace(0, len(inside) - 1, 200).astype(int))]
-    motion = [last[name][at] for name in MOTION]
-    library = library_with(model, ["inverse_dynamics"])
-    torque = np.asarray(library.inverse_dynamics(*(np.ascontiguousarray(x) for x in motion[:3])))
-    step = float(last.time[at[1]] - last.time[at[0]])
-    arm = LinearisedArm(equations, motion, step)
-    moved = [
-        arm.softer(torque * (np.arange(model.n_a) == i), SOFTER) for i in arm.free if i < model.n_a
-    ]
-    twist = np.linalg.inv(model.eta)
-    for j in range(model.n_m):
-        held = np.zeros((len(at), model.n_a))
-        speed = motion[4][:, j] / max(float(np.abs(motion[4][:, j]).max()), 1e-12)
-        held[:, list(model.i_g)] = HELD * np.tanh(speed / SLOW)[:, None] * np.sign(twist[:, j])
-        held[:, list(model.i_g)] *= np.abs(twist[:, j]) > 0.0
-        moved.append(held)
-    W = evaluate(output_jacobian(equations), motion[0])[0].reshape(len(at), -1, model.n_a)
-    found = np.zeros((len(moved), len(at), len(rows.axes)))
-    for k, dq in enumerate(moved):
-        found[k][:, rows.tracker] = np.einsum("nij,nj->ni", W, dq)[:, rows.output]
-    return last.time[at], found
+    """Instants (n,) [s] on the path, and motor angles minus wanted ones (n, n_m) [rad]."""
+    if record.motors is None:
+        raise ArgumentError(
+            f"clock_of: given 'drives' with {record.source}, which has no motor angles, expected "
+            f"them in columns such as 'q_m[{robot.motors[0].name}] rad'; a tracker alone has the "
+            "clock of the record: clock_of 'record'"
+        )
+    time, error, _ = _motor_error(record, corrected, last, clock)
+    return time, low_pass(time, error, min(SHOWN_HZ, MOST / record.step))
 
 
 def _resample(x: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -290,13 +288,12 @@ def _hidden(
     found: Alignment,
     at: np.ndarray,
     curve: Callable[[np.ndarray], np.ndarray],
-    expected: np.ndarray,
-    springs: int,
+    softer: np.ndarray,
 ) -> tuple[float, float]:
-    """Largest error of the tool with softer springs at slow motion [m], and how much of it the
-    estimates of clock and frame hide; the first ``springs`` of the expected errors are theirs.
+    """Largest error of the tool with all springs softer [m], and how much of it the estimates of
+    clock and frame hide.
     """
-    error = expected[:springs].sum(axis=0)
+    error = SHOWN_SOFTER / SOFTER * softer.sum(axis=0)
     hidden = found.hidden(error, at, curve)
     sizes = [float(np.linalg.norm(x, axis=1).max()) for x in (error, hidden)]
     return sizes[0], sizes[1]
