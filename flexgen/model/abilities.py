@@ -296,6 +296,15 @@ def _find_lines(robot: RobotModel) -> str:
     return _list_names(robot, [line.name for line in robot.lines], "lines between two points")
 
 
+def _find_undriven(robot: RobotModel) -> str:
+    """Motors that move the output through the deflection of lines alone."""
+    if not robot.lines:
+        return ""
+    from flexgen.model.format.driven_output import undriven_output  # here: few robots have lines
+
+    return undriven_output(robot)
+
+
 def _find_heavy_lines(robot: RobotModel) -> str:
     return _list_names(robot, [line.name for line in robot.lines if line.mass], "lines with mass")
 
@@ -338,6 +347,10 @@ NEEDS_MOTORS = "feedback linearization needs a motor and a spring for each coord
 NOT_IN_MUJOCO = "MuJoCo has no such law"
 NOT_IN_RESIDUAL = "the residual has no such torque, and would take it for a contact"
 AS_RIGID = "taken as a gear without, for motions in which the gears are as good as rigid"
+ROD_AS_COORDINATE = (
+    'make the stretch of the driving rod a coordinate, a dof of type "translation" with a spring, '
+    "close the rod by a table [[loop]], and make the joint that it drives passive"
+)
 MOTOR_FOR_EACH = "expected a motor and a spring for each arm coordinate"
 
 FEATURES: tuple[Feature, ...] = (
@@ -604,6 +617,31 @@ FEATURES: tuple[Feature, ...] = (
         },
         own=("export_mujoco",),
         parts={"batches of moves": "expected none", "elastic joints": "expected none"},
+    ),
+    Feature(
+        "outputs that lines move",
+        "A line alone connects a motor with the output: a driving rod that is no coordinate.",
+        _find_undriven,
+        "an output that moves with the motors without deflection",
+        ROD_AS_COORDINATE,
+        refused={
+            "solve": "inverse dynamics would be singular",
+            "learn": "its feedforward is the inverse dynamics",
+            "fastest": "its search needs the inverse dynamics",
+            "control": "its feedforward is the inverse dynamics, unless a `solution` is given",
+            "predict": "its feedforward is the inverse dynamics, unless a `solution` is given",
+            "command_positions": "they need the inverse dynamics, unless a `solution` is given",
+            "compare_shapers": "the outputs must determine the positions of all motors",
+            "plan_problem": "the ends of the path must determine the pose of all joints",
+            "feedback_study": "its feedforward is the inverse dynamics",
+            "CollisionDetector": "its library is that of the inverse dynamics",
+        },
+        own=("control", "predict", "command_positions", "feedback_study"),
+        parts={
+            "reduced problem": f"expected another model: {ROD_AS_COORDINATE}",
+            "full problem": f"expected another model: {ROD_AS_COORDINATE}",
+            "computed torque": f"expected another model: {ROD_AS_COORDINATE}",
+        },
     ),
     Feature(
         "lines with mass",

@@ -40,6 +40,7 @@ SHARED = {
     "no friction by load",
     "no harmonics",
     "no sensors",
+    "outputs that lines move",
 }
 # A fit of the hysteresis itself needs a record of minutes: `tests/cross/test_identify_gears.py`.
 ELSEWHERE = {("hysteresis", "identify_gears")}

@@ -110,6 +110,36 @@ duration = 0.5
 smoothness = 5
 """
 
+LINE = """
+[[line]]
+name = "bar"
+type = "rod"
+from = { element = "crank", position = [-0.2, 0, 0] }
+to = { element = "fore", position = [-0.18, 0, 0] }
+stiffness = 2e7
+damping = 4000.0
+length = 0.5237
+"""
+
+
+def driven_by_a_line() -> str:
+    """The four-bar arm whose rod is a line, and its forearm a joint without motor."""
+    rod = FOUR_BAR.index('[[element]]\nname = "rod"')
+    after = FOUR_BAR.index("[[motor]]")
+    free = 'spring = { type = "linear", stiffness = 0.0 }'
+    return (FOUR_BAR[:rod] + LINE + FOUR_BAR[after:]).replace(
+        "passive = { near_deg = -100.0 }", free
+    )
+
+
+def driven_by_a_line_in_a_loop() -> str:
+    """The four-bar arm whose rod is a passive stretch, which a line holds."""
+    spring = 'spring = { type = "linear", stiffness = 2e7 }\ndamping = 4000.0'
+    text = FOUR_BAR.replace(spring, "passive = { near = -0.176 }", 1)
+    free = 'spring = { type = "linear", stiffness = 0.0 }'
+    text = text.replace("passive = { near_deg = -100.0 }", free, 1)
+    return text.replace("[[motor]]", LINE + "\n[[motor]]", 1)
+
 
 def read_text(folder: Path, text: str) -> flexgen.RobotModel:
     """The robot of a text."""

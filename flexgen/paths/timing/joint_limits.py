@@ -14,6 +14,7 @@ from flexgen.base.errors import ArgumentError, SolverError
 from flexgen.base.numerics.evaluate import Evaluator, evaluate
 from flexgen.dynamics.mechanics.equations import Equations
 from flexgen.dynamics.mechanics.outputs import output_map
+from flexgen.model.abilities import obstacle
 from flexgen.model.elements import RobotModel
 from flexgen.paths.reference import PathSample
 
@@ -143,7 +144,12 @@ class InverseKinematics:
                     )
                 sizes = np.linalg.svd(jacobian, compute_uv=False)
                 if not sizes[-1] > SINGULAR * sizes[0]:
-                    raise SolverError(f"inverse kinematics: a singular pose {_instant(parts[k])}")
+                    reason = obstacle(self.model, "reduced problem")
+                    raise SolverError(
+                        f"inverse kinematics: {reason}"
+                        if reason
+                        else f"inverse kinematics: a singular pose {_instant(parts[k])}"
+                    )
                 step = np.linalg.solve(jacobian, -error[:, 0])
                 q[i_g] += step * min(1.0, JUMP / max(float(np.abs(step).max()), 1e-300))
                 if np.abs(step).max() < CLOSE * (1 + np.abs(q).max()):
