@@ -41,8 +41,11 @@ class Campaign:
     periods: int = 4  # the first one is a transient
     band: tuple[float, float] = (1.0, 45.0)  # Hz, of the multisines
     rigid_s: float = 30.0  # s
-    tracked: int = 14  # moves between poses
+    tracked: int = 8  # long moves between poses
     speed: float = 1.2  # rad/s: largest of a joint in these moves
+    quick: int = 24  # short moves, with accelerations as in the task
+    swing: float = 0.3  # rad: largest of a joint in a short move
+    lasts: tuple[float, float] = (0.3, 0.6)  # s: of short moves
     every: int = 4  # samples of the drives between two rows
     offset: float = 0.0113  # s, of the tracker's clock
     drift: float = 2e-5  # of the tracker's clock
@@ -119,13 +122,23 @@ def sines(chain: Chain, time: np.ndarray, random: np.random.Generator) -> np.nda
 def moves(
     chain: Chain, campaign: Campaign, sample_s: float, random: np.random.Generator
 ) -> np.ndarray:
-    """Joints (N, n) [rad]: moves between poses with rests of 0.25 s."""
-    stops = inside(chain, 0.7, random, campaign.tracked + 1)
+    """Joints (N, n) [rad]: moves between poses with rests of 0.25 s; after each long move some
+    short ones, which are as quick as the moves of the task.
+    """
+    poses = inside(chain, 0.7, random, campaign.tracked + 1)
+    stops = [poses[0]]
+    times = []
+    each = campaign.quick // max(1, campaign.tracked)
+    for pose in poses[1:]:
+        # 2.2 is the largest slope of betainc(4, 4)
+        times.append(max(0.4, 2.2 * np.abs(pose - stops[-1]).max() / campaign.speed))
+        stops.append(pose)
+        for _ in range(each):
+            stops.append(pose + campaign.swing * random.uniform(-1, 1, len(pose)))
+            times.append(random.uniform(*campaign.lasts))
     rest = round(0.25 / sample_s)
     parts = [np.repeat(stops[:1], rest, axis=0)]
-    for begin, end in pairwise(stops):
-        # 2.2 is the largest slope of betainc(4, 4)
-        lasts = max(0.4, 2.2 * np.abs(end - begin).max() / campaign.speed)
+    for (begin, end), lasts in zip(pairwise(stops), times, strict=True):
         time = sample_s * np.arange(round(lasts / sample_s))
         parts.append(begin + smooth_start(time, lasts)[:, None] * (end - begin))
         parts.append(np.repeat(end[None], rest, axis=0))

@@ -51,6 +51,7 @@ from flexgen.identification.commissioning.joint_fit import JointFit, fit_jointly
 from flexgen.identification.commissioning.misfit import measure_misfit
 from flexgen.identification.commissioning.motion_block import MotionBlock
 from flexgen.identification.commissioning.poses_block import PosesBlock, in_frame
+from flexgen.identification.commissioning.quick_moves import quicker_moves
 from flexgen.identification.commissioning.reasons import check_payload_of
 from flexgen.identification.commissioning.record_faults import check_motion, check_responses
 from flexgen.identification.commissioning.responses_block import ResponsesBlock
@@ -165,8 +166,9 @@ def commission(
         fit = verdict.fit if is_over() else chosen.fit_all(verdict.fit)
     if chosen.bending is not None:
         robot = chosen.bending.robot
+    quicker = quicker_moves(first.file, chosen.blocks)
     found = _result(robot, chosen, data, verdict, fit, time.perf_counter() - began)
-    return replace(found, payload=payload)
+    return replace(found, payload=payload, quicker=quicker)
 
 
 _Errors = dict[tuple[str, str, str], float]
@@ -326,7 +328,7 @@ class _Study:
         count = int(channel.piece.max(initial=0)) + 1
         if count < 2:
             return np.zeros(len(channel.piece), bool)
-        if channel.neighbors and count >= HELD_OUT and channel.title != "responses":
+        if channel.neighbors and count >= HELD_OUT and channel.unit != "1":
             return channel.piece >= count - max(1, count // HELD_OUT)
         each = min(HELD_OUT, count)
         return channel.piece % each == each - 1
@@ -380,16 +382,20 @@ class _Study:
         )
 
     def _errors(self, x: np.ndarray) -> _Errors:
-        """Record, channel and unit -> root mean square of the errors on held-out parts."""
-        out = {}
+        """Record, channel and unit -> root mean square of the errors on held-out parts; all
+        elements of responses are one.
+        """
+        squares: dict[tuple[str, str, str], list[np.ndarray]] = {}
         for block in self.blocks:
             block.relinearize(x)
             for channel in block.channels(x, False):
                 rows = self.held_out_rows(channel) & channel.told
-                if rows.any():
-                    rms = float(np.sqrt(np.mean(channel.residual[rows] ** 2)))
-                    out[block.name, channel.title, channel.unit] = rms
-        return out
+                if not rows.any():
+                    continue
+                title = block.kind if block.kind == ResponsesBlock.kind else channel.title
+                key = block.name, title, channel.unit
+                squares.setdefault(key, []).append(channel.residual[rows] ** 2)
+        return {key: float(np.sqrt(np.mean(np.concatenate(x)))) for key, x in squares.items()}
 
     def _rigid_errors(self, x: np.ndarray) -> _Errors:
         """Record, channel and unit -> error of the positions of a rigid robot on held-out parts

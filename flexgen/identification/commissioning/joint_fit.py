@@ -45,10 +45,13 @@ from flexgen.identification.estimator.minimize import Search, minimize
 from flexgen.identification.estimator.problem import Linearization, Prior, Problem
 
 ROUNDS = 4  # of fits with weights from the residuals of the last one
-STEPS = 10  # of the search in a round, with those that are refused; the last one has more
+STEPS = 6  # of the search in a round, with those that are refused; the last one has more
 LAST_STEPS = 16
 REFUSALS = 8  # steps in a row that are refused before a round ends
-FACTOR = 2.0  # largest one of a change of a stiffness or a damping in a round
+# Largest factors of a change of a stiffness and of a damping in a round. Far from the minimum
+# dampings make up for stiffnesses and friction, and stiff dampers make the simulation slow.
+FACTOR = 4.0
+FACTOR_OF_DAMPING = 2.0
 SETTLED = 0.05  # largest relative change of a weight from which on there are no more rounds
 DISTANCE = 0.05  # standard deviations from the minimum where a search ends
 # Part of the objective that a step promises below which a search ends.
@@ -58,6 +61,8 @@ GAIN = 1e-3
 EXACT = 1e-4
 # Increase of the objective for numbers that go back to those of the file: a standard deviation.
 SPENT = 1.0
+# Standard deviations of a change of a zero or a length from which on it is written.
+SEEN = 2.0
 WEAK = 0.5  # posterior over prior deviation from which on the number of the file stays
 
 Tell = Callable[[str], None]
@@ -253,14 +258,15 @@ def fit_jointly(
 
 
 def _bounds_near(unknowns: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of a round: stiffnesses and dampings stay within a factor, for which the steps of the
-    simulations are stable.
-    """
+    """Bounds of a round: stiffnesses and dampings stay within a factor."""
     lower, upper = (bound.copy() for bound in unknowns.bounds)
-    scales = np.array([unknown.scale == "log" for unknown in unknowns.vector.unknowns])
+    model = unknowns.vector.unknowns
+    scales = np.array([unknown.scale == "log" for unknown in model])
+    damped = np.array([unknown.name.endswith(".damping") for unknown in model])
+    way = np.log(np.where(damped, FACTOR_OF_DAMPING, FACTOR))[scales]
     rows = np.flatnonzero(scales) + unknowns.parts.model.start
-    lower[rows] = np.maximum(lower[rows], x[rows] - np.log(FACTOR))
-    upper[rows] = np.minimum(upper[rows], x[rows] + np.log(FACTOR))
+    lower[rows] = np.maximum(lower[rows], x[rows] - way)
+    upper[rows] = np.minimum(upper[rows], x[rows] + way)
     return lower, upper
 
 
@@ -297,7 +303,8 @@ def _result(stack: _Stack, x: np.ndarray, prior: Prior, converged: bool) -> Join
     determined = np.sqrt(np.diag(covariance)) < WEAK * sd
     shared = covariance / np.outer(sd, sd)
     away = (x - prior.center) / sd
-    written = prior.center + sd * _choose(A, shared, away, determined)
+    nominal = find_nominal(shared, away, _of_places(unknowns))
+    written = prior.center + sd * _choose(A, shared, away, determined, nominal)
     written = make_physical(unknowns, np.clip(written, *unknowns.bounds))
     tops = [block.top for block in stack.blocks if isinstance(block, MotionBlock)]
     top = np.max(tops, axis=0) if tops else np.zeros(0)
@@ -307,14 +314,55 @@ def _result(stack: _Stack, x: np.ndarray, prior: Prior, converged: bool) -> Join
     )  # fmt: skip
 
 
+def _of_places(unknowns: Unknowns) -> list[int]:
+    """Numbers of zeros and lengths."""
+    parts = unknowns.parts
+    return [int(k) for part in (parts.zeros, parts.lengths) for k in parts.entries(part)]
+
+
+def find_nominal(covariance: np.ndarray, z: np.ndarray, candidates: Sequence[int]) -> list[int]:
+    """Those among the candidates that may have exactly the value of the file: the change of each
+    is at most `SEEN` of its deviations, the others without it given.
+
+    A joint that was made as drawn and a zero that was set are common; a spring as in the
+    catalogue is not.
+
+    Parameters
+    ----------
+    covariance : array (n, n)
+        In units of the deviations of the prior, as the changes z (n,).
+    """
+    C = (covariance + covariance.T) / 2
+    out = z.copy()
+    left = list(candidates)
+    found: list[int] = []
+    while left:
+        costs = np.array([out[k] ** 2 / max(C[k, k], 1e-300) for k in left])
+        best = int(np.argmin(costs))
+        if costs[best] > SEEN**2:
+            break
+        k = left.pop(best)
+        found.append(k)
+        if C[k, k] > 0.0:
+            column = C[:, k] / C[k, k]
+            out = out - column * out[k]
+            C = C - np.outer(column, C[k])
+    return found
+
+
 def _choose(
-    A: np.ndarray, covariance: np.ndarray, z: np.ndarray, determined: np.ndarray
+    A: np.ndarray,
+    covariance: np.ndarray,
+    z: np.ndarray,
+    determined: np.ndarray,
+    nominal: Sequence[int] = (),
 ) -> np.ndarray:
     """Changes that are written, from those of a fit, in units of the deviations of the prior.
 
-    First the changes along directions that the data do not determine are left out. Then as many
-    of the numbers that are not determined alone go back to the file as the others can make up for,
-    the cheapest first: the objective rises by `SPENT` at most.
+    First the changes along directions that the data do not determine are left out, and those of
+    the numbers that are nominal. Then as many of the numbers that are not determined alone go back
+    to the file as the others can make up for, the cheapest first: the objective rises by `SPENT`
+    at most.
 
     Parameters
     ----------
@@ -325,6 +373,7 @@ def _choose(
     z : array (n,)
         Changes.
     determined : array of bool (n,)
+    nominal : sequence of int
     """
     whole = A + np.eye(len(z))
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
@@ -336,18 +385,23 @@ def _choose(
     spent = 0.0
     out = z.copy()
     fixed: list[int] = []
-    candidates = [int(k) for k in np.flatnonzero(~determined)]
+
+    def fix(k: int) -> None:
+        """Set a number to that of the file; H is the inverse of the matrix of the others."""
+        column = H[:, k] / H[k, k]
+        out[:] -= column * out[k]
+        H[:] -= np.outer(column, H[k])
+        fixed.append(k)
+        out[fixed] = 0.0
+
+    for k in nominal:
+        fix(k)
+    candidates = [int(k) for k in np.flatnonzero(~determined) if k not in fixed]
     while candidates:
-        # H is the inverse of the matrix of the numbers that are still free
         costs = np.array([out[k] ** 2 / H[k, k] for k in candidates])
         best = int(np.argmin(costs))
         if spent + costs[best] > SPENT:
             break
         spent += costs[best]
-        k = candidates.pop(best)
-        column = H[:, k] / H[k, k]
-        out -= column * out[k]
-        H -= np.outer(column, H[k])
-        fixed.append(k)
-        out[fixed] = 0.0
+        fix(candidates.pop(best))
     return out

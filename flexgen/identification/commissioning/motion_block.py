@@ -24,9 +24,10 @@ from flexgen.identification.commissioning.unknowns import COULOMB_WIDTH
 from flexgen.identification.gears.driven_arm import MotorMotion
 from flexgen.identification.gears.signals import Signals, signals_of
 
-# Step of the simulation times its fastest eigenvalue, at most: half of what is stable, for numbers
-# that change.
-STABLE = 1.4
+# Step of the simulation times its fastest eigenvalue: two thirds of what is stable, where it is chosen,
+# and the one from which on it is chosen anew, since dampings and friction grew.
+STABLE = 1.8
+SHORTEN = 2.5
 MOST_HZ = 10.0  # of the band that is compared
 MOVING = 0.01  # of the largest speed of a motor: slower, its friction is any torque
 # Of differences: of logarithms, of a prior's deviation, of zeros [rad], of trackers [m].
@@ -39,7 +40,7 @@ LEAST_PIECE = 0.3  # s
 AT_REST = 0.02  # s at an end of a record, and the part of the largest speed below which it rests
 REST_SPEED = 0.01
 # Change of a number, in deviations of its prior, after which derivatives in bodies are taken anew.
-FRESH = 1.0
+FRESH = 0.3
 POSES = 5  # along the record, for the fastest eigenvalue
 
 
@@ -169,17 +170,24 @@ class MotionBlock:
 
     def relinearize(self, x: np.ndarray) -> None:
         """See `Block`: steps of the simulation, and columns of bodies and dampings."""
-        p = self.arm.numbers(x)
-        poses = self.q_m[:: max(1, len(self.q_m) // POSES)]
-        rate = self.arm.fastest(poses, p)
-        steps = max(1, int(np.ceil(self.signals.sample_s * rate / STABLE)))
-        if steps != self._steps_of_sample:
-            self._steps_of_sample = steps
-            self.motion = MotorMotion.through(self.time, self.q_m, steps)
-            self.segments = self.arm.segments(self.signals.sample_s, steps)
-            self._known = None
+        self._choose_steps(self._per_sample(self.arm.numbers(x)) / STABLE)
         if len(self._slow_at) == 0 or self._has_moved(x):
             self._slow = None
+
+    def _per_sample(self, p: np.ndarray) -> float:
+        """Fastest eigenvalue times the time from sample to sample, at numbers p (n_p,)."""
+        poses = self.q_m[:: max(1, len(self.q_m) // POSES)]
+        return float(self.signals.sample_s * self.arm.fastest(poses, p))
+
+    def _choose_steps(self, least: float) -> None:
+        """Steps of the simulation from sample to sample."""
+        steps = max(1, int(np.ceil(least)))
+        if steps == self._steps_of_sample:
+            return
+        self._steps_of_sample = steps
+        self.motion = MotorMotion.through(self.time, self.q_m, steps)
+        self.segments = self.arm.segments(self.signals.sample_s, steps)
+        self._known = None
 
     def _has_moved(self, x: np.ndarray) -> bool:
         """Whether numbers changed much since the columns of bodies were computed."""
@@ -212,6 +220,8 @@ class MotionBlock:
         key = np.append(x[unknowns.parts.model], x[unknowns.parts.zeros])
         # the weights of the next round change nothing in the columns
         if derivatives and (self._slow is None or not np.array_equal(key, self._columns_at)):
+            if self._slow is not None and self._has_moved(x):
+                self._slow = None
             steps = self._steps(x, p, shift, slow=self._slow is None)
             self._columns_at = key
         if steps:
@@ -249,7 +259,11 @@ class MotionBlock:
         places = x[parts.trackers] if self.positions is not None else np.zeros(0)
         known = self._known
         if known is None or not np.array_equal(known.key, key):
-            p = np.tile(self.arm.numbers(x), (1 + len(places), 1))
+            numbers = self.arm.numbers(x)
+            fastest = self._per_sample(numbers)
+            if fastest > SHORTEN * self._steps_of_sample:
+                self._choose_steps(fastest / STABLE)
+            p = np.tile(numbers, (1 + len(places), 1))
             own = slice(p.shape[1] - len(places), p.shape[1])
             p[1:, own] += TRACKER_STEP * np.eye(len(places))
             shift = self.arm.robot.eta @ self.arm.unknowns.zeros(x)

@@ -75,27 +75,23 @@ class ResponsesBlock:
         """See `Block`."""
         r, J = self.residuals.weight(self._own(x), derivatives)
         poses, lines, outputs, inputs = r.shape
-        rows = np.zeros((0, self.unknowns.parts.size))
-        if J is not None:
-            both = np.stack([J.real, J.imag], axis=4)
-            rows = np.zeros((both.size // both.shape[-1], self.unknowns.parts.size))
-            rows[:, self.columns] = both.reshape(len(rows), -1)
-        residual = np.stack([r.real, r.imag], axis=4)
-        told = np.ones(residual.size, bool)
-        each = lines * outputs * inputs * 2
-        size = 1.0 / FLOOR
-        return [
-            Channel(
-                "responses",
-                residual.ravel(),
-                rows,
-                np.repeat(np.arange(poses), each),
-                told,
-                size,
-                "1",
-                neighbors=outputs * inputs * 2,
-            )
-        ]
+        piece = np.repeat(np.arange(poses), 2 * lines)
+        told = np.ones(len(piece), bool)
+        out = []
+        for i in range(outputs):
+            for j in range(inputs):
+                own = r[:, :, i, j]
+                rows = np.zeros((0, self.unknowns.parts.size))
+                if J is not None:
+                    of_own = J[:, :, i, j]
+                    both = np.stack([of_own.real, of_own.imag], axis=2)
+                    rows = np.zeros((len(piece), self.unknowns.parts.size))
+                    rows[:, self.columns] = both.reshape(len(rows), -1)
+                residual = np.stack([own.real, own.imag], axis=2).ravel()
+                title = f"response {i + 1} to motor {j + 1}"
+                size = 1.0 / FLOOR
+                out.append(Channel(title, residual, rows, piece, told, size, "1", neighbors=2))
+        return out
 
     def set_free(self, free: np.ndarray) -> None:
         """See `Block`: derivatives in all unknowns cost little."""

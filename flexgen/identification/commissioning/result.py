@@ -96,6 +96,8 @@ class Commissioning(FitResult):
         Errors of positions on these parts over their elastic displacement; None: there is none.
     payload : PayloadTest
         Whether the torques contradict the payload of the file.
+    quicker : tuple of str
+        Moves of the file that accelerate more than all records with a tracker, as sentences.
 
     Examples
     --------
@@ -120,6 +122,7 @@ class Commissioning(FitResult):
     wall_s: float
     misfit: float | None = None
     payload: PayloadTest = NOT_TESTED
+    quicker: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Robot, status and records, in one line."""
@@ -398,8 +401,10 @@ class Commissioning(FitResult):
             *self._hidden(),
             *(Prose(f"{line}.", "far") for line in self.far),
             *(Prose(f"{line}.", "missing") for line in self.missing),
+            *(Prose(f"{line}.", "quicker") for line in self.quicker),
             *(Prose(f"{line}.", "notes") for line in self.notes),
             Data("missing", list(self.missing)),
+            Data("quicker", list(self.quicker)),
             Data("causes", list(self.causes)),
             Data("not_visible", [vars(one) for one in self.not_visible]),
             Data("far", list(self.far)),
