@@ -45,8 +45,8 @@ def tracked(duration: float) -> MotionBlock:
 
 
 def test_growing_dampings_leave_the_simulation_stable() -> None:
-    """Dampings a hundred times as large, without a new choice of weights: the same torques as those
-    of a block that begins there.
+    """Dampings a hundred times as large, in the same round: the same torques as those of a block
+    that begins there.
     """
     block = tracked(1.5)
     unknowns = block.arm.unknowns

@@ -24,8 +24,8 @@ from flexgen.identification.commissioning.unknowns import COULOMB_WIDTH
 from flexgen.identification.gears.driven_arm import MotorMotion
 from flexgen.identification.gears.signals import Signals, signals_of
 
-# Step of the simulation times its fastest eigenvalue: two thirds of what is stable, where it is chosen,
-# and the one from which on it is chosen anew, since dampings and friction grew.
+# Step of the simulation times its fastest eigenvalue: two thirds of what is stable where it is
+# chosen, and the one from which on it is chosen anew, since dampings and friction grew.
 STABLE = 1.8
 SHORTEN = 2.5
 MOST_HZ = 10.0  # of the band that is compared
