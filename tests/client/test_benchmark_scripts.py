@@ -79,6 +79,7 @@ NEEDS = {
 OTHERS = {
     "array_parts/gpu.py": "needs a GPU",
     "commissioning/flexible_joints.py": "started on the folder of commissioning/trial.py",
+    "commissioning/learning.py": "started on a model for the folder of commissioning/trial.py",
     "inversion_opty.py": "started by inversion.py, with an interpreter that has opty",
     "planning_peers/opty_rest_to_rest.py": "started by planning.py, as inversion_opty.py",
 }
