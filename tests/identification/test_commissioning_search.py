@@ -12,7 +12,7 @@ import flexgen
 from flexgen.identification.commissioning.elastic_arm import ElasticArm
 from flexgen.identification.commissioning.joint_fit import find_nominal
 from flexgen.identification.commissioning.motion_block import Motion, MotionBlock
-from flexgen.identification.commissioning.quick_moves import quicker_moves
+from flexgen.identification.commissioning.quick_moves import find_quicker_moves
 from flexgen.identification.commissioning.unknowns import DatasheetTolerances, make_unknowns
 
 pytestmark = needs_compiler
@@ -70,7 +70,7 @@ def test_moves_that_are_quicker_than_the_records_are_named(
     """By a joint, its acceleration in the move, and the largest one of the records."""
     block = tracked(duration)
     robot = replace(flexgen.read("elbow"), moves=(reach(1.0),))
-    found = quicker_moves(robot, [block])
+    found = find_quicker_moves(robot, [block])
     assert bool(found) == is_quicker
     assert all(line.startswith("move reach accelerates q") for line in found)
 

@@ -51,7 +51,7 @@ from flexgen.identification.commissioning.joint_fit import JointFit, fit_jointly
 from flexgen.identification.commissioning.misfit import measure_misfit
 from flexgen.identification.commissioning.motion_block import MotionBlock
 from flexgen.identification.commissioning.poses_block import PosesBlock, in_frame
-from flexgen.identification.commissioning.quick_moves import quicker_moves
+from flexgen.identification.commissioning.quick_moves import find_quicker_moves
 from flexgen.identification.commissioning.reasons import check_payload_of
 from flexgen.identification.commissioning.record_faults import check_motion, check_responses
 from flexgen.identification.commissioning.responses_block import ResponsesBlock
@@ -166,7 +166,7 @@ def commission(
         fit = verdict.fit if is_over() else chosen.fit_all(verdict.fit)
     if chosen.bending is not None:
         robot = chosen.bending.robot
-    quicker = quicker_moves(first.file, chosen.blocks)
+    quicker = find_quicker_moves(first.file, chosen.blocks)
     found = _result(robot, chosen, data, verdict, fit, time.perf_counter() - began)
     return replace(found, payload=payload, quicker=quicker)
 

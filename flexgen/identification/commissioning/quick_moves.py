@@ -24,29 +24,29 @@ from flexgen.paths.path import CHECKED, FEWEST, Path, joints_along
 QUICKER = 1.5
 
 
-def quicker_moves(robot: RobotModel, blocks: Sequence[Block]) -> tuple[str, ...]:
+def find_quicker_moves(robot: RobotModel, blocks: Sequence[Block]) -> tuple[str, ...]:
     """Sentences on moves of the file that accelerate a joint more than all records that a tracker
     followed; empty where there is no such record.
     """
-    recorded = _recorded(robot, blocks)
+    recorded = _find_recorded(robot, blocks)
     if recorded is None:
         return ()
     equations = derive(robot)
     out = []
     for move in robot.moves:
         try:
-            asked = _accelerations(Path(equations, move))
+            asked = _measure_accelerations(Path(equations, move))
         except FlexgenError:  # such as a move out of reach: `plan` has the reason
             continue
         ratio = asked / np.maximum(recorded, 1e-12)
         k = int(np.argmax(ratio))
         if ratio[k] > QUICKER:
             joint = robot.coordinates[robot.i_g[k]]
-            out.append(_sentence(move, joint.name, asked[k], recorded[k]))
+            out.append(_describe(move, joint.name, asked[k], recorded[k]))
     return tuple(out)
 
 
-def _sentence(move: Move, joint: str, asked: float, recorded: float) -> str:
+def _describe(move: Move, joint: str, asked: float, recorded: float) -> str:
     """One move, the joint and both accelerations."""
     return (
         f"move {move.name} accelerates {joint} with {asked:.2g} rad/s^2, the tracked motions with "
@@ -54,7 +54,7 @@ def _sentence(move: Move, joint: str, asked: float, recorded: float) -> str:
     )
 
 
-def _recorded(robot: RobotModel, blocks: Sequence[Block]) -> np.ndarray | None:
+def _find_recorded(robot: RobotModel, blocks: Sequence[Block]) -> np.ndarray | None:
     """Largest acceleration of each joint (n_g,) in the motions that a tracker followed."""
     found = []
     for block in blocks:
@@ -64,7 +64,7 @@ def _recorded(robot: RobotModel, blocks: Sequence[Block]) -> np.ndarray | None:
     return np.max(found, axis=0) if found else None
 
 
-def _accelerations(path: Path) -> np.ndarray:
+def _measure_accelerations(path: Path) -> np.ndarray:
     """Largest acceleration of each joint (n_g,) along a move of the arm without deflections."""
     robot = path.equations.model
     largest = np.zeros(robot.n_g)
