@@ -562,6 +562,7 @@ URDF = Format(
         ),
         _LIMITS,
         replace(_LIMITS, name="dynamics", doc="use the friction of the URDF file"),
+        replace(_LIMITS, name="loops", doc="use <constraint> and the YAML file of closed loops"),
         Key(
             "unfinished",
             words(0),
@@ -581,6 +582,12 @@ JOINT = Format(
             "mimic",
             any_table(),
             "factors of the coordinates that move it by a mechanism",
+            default=None,
+        ),
+        Key(
+            "passive",
+            any_table(),
+            "moved by closed loops, no motor: its position at home, roughly, near_rad or near_deg",
             default=None,
         ),
         robot.DAMPING,

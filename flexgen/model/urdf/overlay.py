@@ -26,11 +26,19 @@ from flexgen.model.format.format_robot import BODY, DOF
 from flexgen.model.urdf.joint_defaults import EVERY, merge
 from flexgen.model.urdf.urdf import Inertial, Limit, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf.urdf_chain import MOVING, Chain, Segment, find_chain
+from flexgen.model.urdf.urdf_loops import (
+    Closure,
+    Closures,
+    find_closures,
+    loop_name,
+    loops_of_chain,
+    passive_of_chain,
+)
 from flexgen.model.urdf.urdf_mimic import Motions
 from flexgen.model.urdf.urdf_source import find_urdf
 
 _RENAME = JOINT["rename"]
-_EVERY = JOINT.without("rename", "before", "after").names  # of the table [joint."*"]
+_EVERY = JOINT.without("rename", "before", "after", "passive").names  # of the table [joint."*"]
 # s/rad or s/m: of the Coulomb friction of a URDF file, which is smoothed by tanh(beta speed); at
 # 5 % of the speed of a usual joint, 1 rad/s or 0.3 m/s, it is 76 % of its value
 BETA = {"revolute": 20.0, "continuous": 20.0, "prismatic": 66.0}
@@ -79,6 +87,11 @@ def expand(root: Entry, folder: Path, shown: str) -> dict[str, UrdfJoint]:
         root.value["motor"] = Entry(
             [*motors, *(given.value if given else [])], overlay.table.line, shown
         )
+    loops = overlay.loop_tables(chain)
+    own = root.value.get("loop")
+    if loops and (own is None or isinstance(own.value, list)):
+        rows = [*loops, *(own.value if own else [])]
+        root.value["loop"] = Entry(rows, overlay.table.line, overlay.urdf.file)
     for name, value in overlay.defaults(chain).items():
         root.value.setdefault(name, value)
     return overlay.sources(chain)
@@ -98,6 +111,11 @@ class _Overlay:
         table.only(*URDF.names)
         path, shown = find_urdf(table, folder)
         self.urdf = Urdf(path, shown)
+        with_loops = URDF["loops"].read(table, Context())
+        self.closures = find_closures(self.urdf, path) if with_loops else Closures()
+        # those that hold the chain, and their joints without a motor: found with the chain
+        self.loops: tuple[Closure, ...] = ()
+        self.passive: frozenset[str] = frozenset()
         self.limits = URDF["limits"].read(table, Context())
         self.dynamics = URDF["dynamics"].read(table, Context())
         self.joints = self._tables("joint", [*self.urdf.joints, EVERY], JOINT.names)
@@ -130,15 +148,21 @@ class _Overlay:
     def chain(self) -> Chain:
         """The chain from base to tip, and its branches."""
         base, *tips = self.ends
-        motion_of = Motions(self.urdf, self._read_locked(), self.joints)
+        locked = self._read_locked()
         dropped = self._read_dropped()
         self._check_unfinished()
+        self.loops = loops_of_chain(self.urdf, self.closures, base, tips, dropped, locked)
+        self.passive = passive_of_chain(
+            self.urdf, self.closures, self.loops, base, self.joints, locked
+        )
+        motion_of = Motions(self.urdf, locked, self.joints, self.passive)
         hinged = frozenset(
             name
             for name, table in self.joints.items()
             if any(side in table for side in _AT_FIXED) and motion_of(self.urdf.joints[name]).fixed
         )
-        chain = find_chain(self.urdf, base, tips, motion_of, dropped, self._inertial, hinged)
+        held = [link for loop in self.loops for link in loop.links]
+        chain = find_chain(self.urdf, base, tips, motion_of, dropped, self._inertial, hinged, held)
         moving = {segment.joint.name for segment in chain.segments}
         for name in (name for tip in tips for name in dropped & self._above(tip)):
             raise self.table.fail("drop", f"joints outside the chain ({show(name)} is part of it)")
@@ -165,7 +189,10 @@ class _Overlay:
         if self.every is None:
             return
         driven = self.driven
-        for name in (s.joint.name for s in chain.moving if not s.motion.follows):
+        for segment in chain.moving:
+            name = segment.joint.name
+            if segment.motion.follows or name in self.passive:
+                continue
             own = self.joints.get(name)
             entries = {} if own is None else own.entries
             default = self.every.entries
@@ -325,6 +352,8 @@ class _Overlay:
         mimic = self._mimic(segment)
         if mimic is not None:
             return self._here(value | {"mimic": mimic}, joint.node.line)
+        if joint.name in self.passive:
+            return self._here(value | self._keys_of_passive(segment), joint.node.line)
         limit = self._limit(segment)
         if limit is not None:
             unit = "_rad" if rotary else ""
@@ -346,6 +375,21 @@ class _Overlay:
                 if name in DOF.names and name in table:
                     value[name] = table.entries[name]
         return self._here(value, joint.node.line)
+
+    def _keys_of_passive(self, segment: Segment) -> dict[str, Any]:
+        """The keys of a joint that closed loops move: its position at home, roughly, and those
+        that the overlay has in addition, for the reader to refuse.
+        """
+        table = self.joints.get(segment.joint.name)
+        entries = {} if table is None else table.entries
+        if "passive" in entries:
+            return {
+                name: entries[name]
+                for name in JOINT.names
+                if name in DOF.names and name in entries
+            }
+        near = "near" if segment.joint.type == "prismatic" else "near_rad"
+        return {"passive": {near: self._home(segment)}}
 
     def _limit(self, segment: Segment) -> Limit | None:
         """Limits of the URDF file that nothing in the overlay replaces."""
@@ -416,6 +460,36 @@ class _Overlay:
             )
         return wrap({"viscous": viscous}, line, self.urdf.file) if viscous != 0.0 else None
 
+    def loop_tables(self, chain: Chain) -> list[Entry]:
+        """The closed loops of the chain as tables of a model file; none where both ends are on
+        one body, as with locked joints.
+        """
+        out = []
+        for loop in self.loops:
+            places = [chain.places[link] for link in loop.links]
+            if places[0][0] == places[1][0]:
+                continue
+            value: dict[str, Any] = {"name": loop_name(loop.name), "type": loop.type}
+            for side, (number, pose), frame in zip(
+                ("from", "to"), places, loop.poses, strict=True
+            ):
+                element: str | Entry = "base"
+                if number >= 0:
+                    element = self._name("link", chain.segments[number].link.name)
+                placement = self._placement(pose @ frame, loop.line, loop.file)
+                more = {} if placement is None else placement.value
+                value[side] = Entry(
+                    {"element": wrap(element) if isinstance(element, str) else element} | more,
+                    loop.line,
+                    loop.file,
+                )
+            made = {
+                name: item if isinstance(item, Entry) else wrap(item, loop.line, loop.file)
+                for name, item in value.items()
+            }
+            out.append(Entry(made, loop.line, loop.file))
+        return out
+
     def motors(self, chain: Chain) -> list[Entry]:
         """A motor for each joint with a gear, except for joints that a ``[[motor]]`` of the
         overlay drives.
@@ -428,10 +502,9 @@ class _Overlay:
             table = self.joints.get(segment.joint.name)
             own = table.table("motor") if table is not None else None
             name = self._find_name("joint", joint.name)
-            passive = self._mimic(segment) is not None
-            if passive or (table is not None and "spring" in table):
+            way = self._way_without_motor(segment)
+            if way:
                 if table is not None and own is not None:
-                    way = "mimic" if passive else "spring"
                     raise table.fail(
                         "motor",
                         f"either a motor or a {way} (non-actuated)",
@@ -474,6 +547,15 @@ class _Overlay:
             out.append(entry)
         return out
 
+    def _way_without_motor(self, segment: Segment) -> str:
+        """The key of what moves a joint instead of a motor; empty for a joint with one."""
+        table = self.joints.get(segment.joint.name)
+        if self._mimic(segment) is not None:
+            return "mimic"
+        if segment.joint.name in self.passive:
+            return "passive"
+        return "spring" if table is not None and "spring" in table else ""
+
     @cached_property
     def driven(self) -> frozenset[str]:
         """Names of joints that the ``[[motor]]`` tables drive."""
@@ -507,8 +589,7 @@ class _Overlay:
             f"from {show(self.ends[0])} to {show(self.ends[1])} of {Path(file).name}"
         )
         out["gravity"] = [0.0, 0.0, -9.81]
-        free = (s for s in chain.moving if self._mimic(s) is None)
-        actuated = [s for s in free if "spring" not in (self.joints.get(s.joint.name) or ())]
+        actuated = [s for s in chain.moving if not self._way_without_motor(s)]
         out["output"] = {
             "type": "joint",
             "joints": [self._find_name("joint", s.joint.name) for s in actuated],

@@ -26,20 +26,28 @@ from flexgen.model.format.format_robot import rotation_matrix
 
 SIZE_MAX = 2_000_000  # bytes
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+# Types of <constraint>, and the closed loops that they make.
+CONSTRAINTS = {"spherical": "point", "revolute": "axis", "continuous": "axis", "fixed": "pose"}
 # of the triangle inequality, relative to the largest moment: files have about six digits
 INERTIA_TOLERANCE = 1e-6
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "iyz", "ixz")
 _CHILDREN = {
-    "robot": ("link", "joint"),
+    "robot": ("link", "joint", "constraint"),
     "link": ("inertial", "visual", "collision"),
     "joint": (
         # those of the format
         "origin parent child axis limit dynamics mimic calibration safety_controller"
     ).split(),
     "inertial": ("origin", "mass", "inertia"),
+    "constraint": (
+        # those of the proposal for closed loops
+        "parent parent_origin parent_axis child child_origin child_axis"
+    ).split(),
 }
+# Key of an overlay that leaves the closed loops of a file out, for a message.
+WITHOUT_LOOPS = "(or in the overlay: [urdf] loops = false)"
 
 
 @dataclass(frozen=True)
@@ -137,6 +145,22 @@ class Joint:
         return self.type != "fixed"
 
 
+@dataclass(frozen=True)
+class Constraint:
+    """<constraint>: an end of its parent link and one of its child link that coincide.
+
+    ``type``: a key of `CONSTRAINTS`; ``poses``: of the two ends in their links, where z is the
+    axis of a revolute one.
+    """
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    poses: tuple[Pose, Pose]
+    line: int
+
+
 class Urdf:
     """Links and joints of a URDF file; the methods return checked numbers or raise ModelError.
 
@@ -190,6 +214,7 @@ class Urdf:
                 name = self._attribute(node, "joint", "name")
                 self._once(node, "joint", name, self.joints)
                 self.joints[name] = self._joint(node, name)
+        self._root = root
         self._check_tree(root)
 
     def fail(self, line: int, key: str, given: str, expected: str) -> NoReturn:
@@ -224,21 +249,23 @@ class Urdf:
         kind = self._attribute(node, here, "type")
         if kind not in TYPES:
             self.fail(node.line, f"{here}.type", show(kind), among(kind, TYPES))
-        ends = []
-        for end in ("parent", "child"):
-            inner = self._child(node, here, end)
-            if inner is None:
-                self.fail(node.line, f"{here}.{end}", "nothing", f'<{end} link="..."/>')
-            link = self._attribute(inner, f"{here}.{end}", "link")
-            if link not in self.links:
-                self.fail(
-                    inner.line,
-                    f"{here}.{end}",
-                    f"an unknown link {show(link)}",
-                    among(link, self.links),
-                )
-            ends.append(link)
+        ends = [self._link_of(node, here, end) for end in ("parent", "child")]
         return Joint(name, kind, ends[0], ends[1], node)
+
+    def _link_of(self, node: Node, here: str, end: str) -> str:
+        """The link of <parent> or <child>, which has to exist."""
+        inner = self._child(node, here, end)
+        if inner is None:
+            self.fail(node.line, f"{here}.{end}", "nothing", f'<{end} link="..."/>')
+        link = self._attribute(inner, f"{here}.{end}", "link")
+        if link not in self.links:
+            self.fail(
+                inner.line,
+                f"{here}.{end}",
+                f"an unknown link {show(link)}",
+                among(link, self.links),
+            )
+        return link
 
     def _check_tree(self, root: Node) -> None:
         """Check that there is one root, and that each other link has one parent and is reached
@@ -278,6 +305,68 @@ class Urdf:
                 )
         if not self.links:
             self.fail(root.line, "robot", "no link", "links and joints")
+
+    # --- closed loops ----------------------------------------------------------------------------
+
+    def constraints(self) -> list[Constraint]:
+        """The elements <constraint>, checked as a whole."""
+        out: dict[str, Constraint] = {}
+        for node in (child for child in self._root.children if child.tag == "constraint"):
+            name = self._attribute(node, "constraint", "name")
+            if name in out:
+                given = f"a second constraint {show(name)}, the first one is in line "
+                given += str(out[name].line)
+                self.fail(node.line, key("constraint", name), given, "each constraint once")
+            out[name] = self._constraint(node, name)
+        return list(out.values())
+
+    def _constraint(self, node: Node, name: str) -> Constraint:
+        """An element <constraint> with its type, links and ends."""
+        here = key("constraint", name)
+        for child in node.children:
+            if child.tag not in _CHILDREN["constraint"]:
+                expected = f"{among(child.tag, _CHILDREN['constraint'])} {WITHOUT_LOOPS}"
+                self.fail(
+                    child.line, here, f"an unknown element <{show(child.tag)[1:-1]}>", expected
+                )
+        kind = self._attribute(node, here, "type")
+        if kind not in CONSTRAINTS:
+            expected = f"{among(kind, CONSTRAINTS)}, or another one as a link with a joint in the "
+            expected += f"tree and one of these {WITHOUT_LOOPS}"
+            self.fail(node.line, f"{here}.type", show(kind), expected)
+        links = (self._link_of(node, here, "parent"), self._link_of(node, here, "child"))
+        poses = (self._end(node, here, "parent", kind), self._end(node, here, "child", kind))
+        return Constraint(name, kind, *links, poses, node.line)
+
+    def _end(self, node: Node, here: str, side: str, kind: str) -> Pose:
+        """Pose of an end of a constraint in its link; z is the axis of a revolute one."""
+        pose = self._pose(node, here, f"{side}_origin")
+        if CONSTRAINTS[kind] != "axis":
+            return pose
+        inner = self._child(node, here, f"{side}_axis")
+        if inner is None:
+            axis = [1.0, 0.0, 0.0]  # the default of the format
+        else:
+            axis = self._numbers(inner, f"{here}.{side}_axis", "xyz", 3)
+            if not any(axis):
+                given = show(inner.attributes["xyz"])
+                expected = "a direction that is not zero"
+                self.fail(inner.line, f"{here}.{side}_axis.xyz", given, expected)
+        return pose @ Pose(frame_of_axis(axis), np.zeros(3))
+
+    def driven_joints(self) -> frozenset[str] | None:
+        """Names of the joints that <transmission> or <ros2_control> drives; None without them."""
+        out = set()
+        stated = False
+        for node in self._root.children:
+            if node.tag not in ("transmission", "ros2_control"):
+                continue
+            stated = True
+            for child in (child for child in node.children if child.tag == "joint"):
+                commands = [inner for inner in child.children if inner.tag == "command_interface"]
+                if node.tag == "transmission" or commands:
+                    out.add(child.attributes.get("name", ""))
+        return frozenset(out) if stated else None
 
     # --- checked access --------------------------------------------------------------------------
 
@@ -345,12 +434,14 @@ class Urdf:
             )
         return zero_tiny(values)
 
-    def _pose(self, node: Node, here: str) -> Pose:
-        """The <origin> of a joint or an inertial; the identity if there is none."""
-        origin = self._child(node, here, "origin")
+    def _pose(self, node: Node, here: str, tag: str = "origin") -> Pose:
+        """The <origin> of a joint or an inertial, or another element ``tag``; the identity if
+        there is none.
+        """
+        origin = self._child(node, here, tag)
         if origin is None:
             return identity_pose()
-        here = f"{here}.origin"
+        here = f"{here}.{tag}"
         rpy = self._numbers(origin, here, "rpy", 3, (0.0, 0.0, 0.0))
         position = self._numbers(origin, here, "xyz", 3, (0.0, 0.0, 0.0))
         return Pose(np.array(rotation_matrix(tuple(rpy), degrees=False)), np.array(position))
@@ -564,6 +655,18 @@ def _switch(joint: Joint) -> str:
 def key(kind: str, name: str) -> str:
     """Key of a link or joint in an error message."""
     return f"{kind}.{bare(name) if len(name) <= 60 else show(name)}"
+
+
+def frame_of_axis(axis: Sequence[float]) -> np.ndarray:
+    """A rotation matrix whose z axis has this direction; the identity for z itself."""
+    z = np.array(axis) / math.hypot(*axis)
+    if z[0] == 0.0 and z[1] == 0.0 and z[2] > 0.0:
+        return np.eye(3)
+    # the coordinate axis that is most nearly across
+    across = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = np.cross(across, z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
 
 
 def zero_tiny(values: Iterable[float]) -> list[float]:

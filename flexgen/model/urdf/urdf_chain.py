@@ -42,12 +42,14 @@ class Segment:
 class Chain:
     """Segments in the order of the file, parents and joints that others follow first.
 
-    ``tip``: pose of the tip in the link of segment ``carrier``.
+    ``tip``: pose of the tip in the link of segment ``carrier``. ``places``: segment of each link
+    of the chain, and the pose of the link in that of the segment; -1 for the base.
     """
 
     segments: tuple[Segment, ...]
     tip: Pose
     carrier: int
+    places: Mapping[str, tuple[int, Pose]]
 
     @property
     def moving(self) -> tuple[Segment, ...]:
@@ -63,6 +65,7 @@ def find_chain(
     dropped: frozenset[str],
     inertial: InertialOf,
     hinged: frozenset[str] = frozenset(),
+    held: Sequence[str] = (),
 ) -> Chain:
     """Find the chain from ``base`` to the first of the ``tips``, and the branches to the others.
 
@@ -81,6 +84,8 @@ def find_chain(
         Returns the inertial of a link, or None.
     hinged : set
         Fixed joints at which the overlay has degrees of freedom: they divide the body.
+    held : sequence of str
+        Links that closed loops hold: the branches to them are part of the chain.
 
     Raises
     ------
@@ -89,7 +94,7 @@ def find_chain(
     """
     segments: list[Segment] = []
     bodies: list[list[Inertial]] = []
-    on_path = {step.name: step for tip in tips for step in _path(urdf, base, tip)}
+    on_path = {step.name: step for tip in (*tips, *held) for step in path_to(urdf, base, tip)}
     # the segment of each link, and the pose of the link in its frame
     found: dict[str, tuple[int, Pose]] = {base: (-1, identity_pose())}
     left = {name: joint for name, joint in urdf.joints.items() if name in on_path}
@@ -123,7 +128,7 @@ def find_chain(
     whole = (
         replace(one, body=lump_bodies(own)) for one, own in zip(segments, bodies, strict=True)
     )
-    return Chain(tuple(whole), pose, carrier)
+    return Chain(tuple(whole), pose, carrier, found)
 
 
 def _next(left: Mapping[str, Joint], found: Collection[str], motion_of: MotionOf) -> Joint:
@@ -168,7 +173,7 @@ def joint_pose(urdf: Urdf, joint: Joint, value: float) -> Pose:
     return pose @ Pose(turn, np.zeros(3))
 
 
-def _path(urdf: Urdf, base: str, tip: str) -> list[Joint]:
+def path_to(urdf: Urdf, base: str, tip: str) -> list[Joint]:
     """Joints from the link ``base`` to the link ``tip``; an error where the base is not above the
     tip.
     """

@@ -4,7 +4,7 @@ is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 from flexgen.base.spec.tables import Table, bare, show
@@ -58,15 +58,22 @@ class Motions:
         Tables of the joints in the overlay: one with ``mimic`` replaces the factors of the file,
         one with a gear or a
         spring makes a coordinate of the joint.
+    passive : collection of str
+        Joints that closed loops move: they follow no other joint.
     """
 
     def __init__(
-        self, urdf: Urdf, locked: Mapping[str, float], tables: Mapping[str, Table] | None = None
+        self,
+        urdf: Urdf,
+        locked: Mapping[str, float],
+        tables: Mapping[str, Table] | None = None,
+        passive: Collection[str] = (),
     ) -> None:
         """``locked``: joints that keep a value [rad, m]; ``tables``: those of the model file, by
         joint.
         """
         self.urdf = urdf
+        self.passive = passive
         self.locked = locked
         self.tables = tables or {}
         self._found: dict[str, Motion] = {}
@@ -101,6 +108,8 @@ class Motions:
             return Motion(line, self.locked[joint.name])
         if not joint.movable:
             return Motion(line)
+        if joint.name in self.passive:
+            return Motion(line, joints={joint.name: 1.0}, own=True)
         mimic = self.urdf.mimic(joint)
         factors = None if table is None else table.table("mimic")
         if factors is not None:

@@ -47,14 +47,16 @@ def find_urdf(table: Table, folder: Path) -> tuple[Path, str]:
 
 
 def source_files(model_file: str) -> list[Path]:
-    """The existing files that a robot was read from: its model file or URDF file, and the URDF
-    file of an overlay.
+    """The existing files that a robot was read from: its model file or URDF file, the URDF file
+    of an overlay, and the YAML file of its closed loops.
 
     Parameters
     ----------
     model_file : str
         As in `RobotModel.file`.
     """
+    from flexgen.model.urdf.urdf_loops import file_of_closures
+
     head, _, _ = model_file.rpartition("#")
     own = locate(head if _is_urdf(head) else model_file, Path()) if model_file else None
     if own is None:
@@ -69,7 +71,9 @@ def source_files(model_file: str) -> list[Path]:
         table = None
     text = table.get("file") if isinstance(table, dict) else None
     under = locate(text, own.parent) if isinstance(text, str) else None
-    return [own] if under is None else [own, under]
+    files = [own] if under is None else [own, under]
+    beside = None if files[-1].suffix == ".toml" else file_of_closures(files[-1])
+    return files if beside is None else [*files, beside]
 
 
 def locate(text: str, folder: Path) -> Path | None:

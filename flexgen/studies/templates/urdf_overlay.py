@@ -16,10 +16,12 @@ from flexgen.base.files.atomic_files import temporary_folder
 from flexgen.base.spec.tables import show
 from flexgen.base.spec.toml_text import toml, toml_key
 from flexgen.model.elements import Coordinate, Dof, RobotModel
+from flexgen.model.format.closure import closed_values
 from flexgen.model.inertia import mass_matrix, massless_coordinates
 from flexgen.model.reader import read
 from flexgen.model.urdf.urdf import Urdf, among
 from flexgen.model.urdf.urdf_chain import MOVING
+from flexgen.model.urdf.urdf_loops import find_closures
 from flexgen.model.urdf.urdf_mimic import Motions
 from flexgen.model.urdf.urdf_source import PACKAGE, locate, split_ends
 from flexgen.studies.templates.payload_beam import Beam, text_of_payload
@@ -52,6 +54,7 @@ STEP = 0.3  # rad or m, of the move of an overlay
 # of the largest speed of a joint in this move to its mean: 2.71 with five continuous derivatives,
 # and a fifth more for the elasticity
 PEAK = 3.25
+HALVINGS = 6  # of the move of an overlay, until its closed loops can be closed
 POSES = 48  # drawn, at which the largest inertia of a joint is searched
 # rad and m around home: the part of a larger range, or of one without limits, in which poses are
 # drawn
@@ -122,7 +125,7 @@ def overlay_of_urdf(name: str, given: str, folder: Path, payload: Beam | None = 
                 f"urdf: given {link!r} as {what}, expected a link of {file}: "
                 f"{among(link, urdf.links)}"
             )
-    repairs = find_repairs(urdf, base, tip)
+    repairs = find_repairs(urdf, base, tip, find_closures(urdf, path))
     robot = _rigid_robot(urdf, path, repairs)
     loose = _find_massless(urdf, robot, repairs)
     shown = file if file.startswith(PACKAGE) else Path(os.path.relpath(path, folder)).as_posix()
@@ -280,6 +283,8 @@ def _inertias(robot: RobotModel) -> dict[str, Inertias]:
     largest = np.diag(mass_matrix(still, home))
     for _ in range(POSES):
         pose = rng.uniform(ranges[:, 0], ranges[:, 1])
+        if not _can_be_closed(robot, pose):
+            continue
         largest = np.maximum(largest, np.diag(mass_matrix(still, pose)))
     end = np.array(_end_of_move(robot))
     of_move = [np.diag(mass_matrix(still, home + part * (end - home))) for part in (0.0, 0.5, 1.0)]
@@ -490,7 +495,21 @@ def _end_of_move(robot: RobotModel) -> list[float]:
         elif value + step > high:
             step = -step
         end.append(value + step)
+    # closed loops may not reach it: then a shorter way
+    for _ in range(HALVINGS):
+        if _can_be_closed(robot, np.array(end)):
+            break
+        end = [(value + x) / 2.0 for value, x in zip(robot.home, end, strict=True)]
     return end
+
+
+def _can_be_closed(robot: RobotModel, pose: np.ndarray) -> bool:
+    """Whether the closed loops of a rigid robot can be closed at these coordinates."""
+    try:
+        closed_values(robot, pose)
+    except ArgumentError:
+        return False
+    return True
 
 
 def _move(robot: RobotModel) -> list[str]:

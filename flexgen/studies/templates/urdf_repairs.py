@@ -18,6 +18,7 @@ from flexgen.base.spec.tables import show
 from flexgen.model.urdf.overlay import BETA
 from flexgen.model.urdf.urdf import Inertial, Joint, Link, Stated, Urdf, zero_tiny
 from flexgen.model.urdf.urdf_chain import MOVING
+from flexgen.model.urdf.urdf_loops import BESIDE, Closures, loops_of_chain, passive_of_chain
 from flexgen.model.urdf.urdf_mimic import Motion, Motions
 from flexgen.studies.templates.urdf_names import new_names
 
@@ -61,8 +62,9 @@ class Repairs:
         self.links.setdefault(name, {}).update(keys)
 
 
-def find_repairs(urdf: Urdf, base: str, tip: str) -> Repairs:
-    """The repairs of the chain between two links of a URDF file.
+def find_repairs(urdf: Urdf, base: str, tip: str, closures: Closures | None = None) -> Repairs:
+    """The repairs of the chain between two links of a URDF file, and of the branches that closed
+    loops hold.
 
     Raises
     ------
@@ -71,11 +73,13 @@ def find_repairs(urdf: Urdf, base: str, tip: str) -> Repairs:
     """
     repairs = Repairs(base, tip)
     path = path_between(urdf, base, tip)
+    if closures is not None:
+        path = _close_loops(urdf, repairs, path, closures)
     _lock_branches(urdf, repairs, path)
     moving = _repair_motions(urdf, repairs, path)
     for joint in moving.values():
         _repair_axis(urdf, repairs, joint)
-    for joint in (joint for joint in moving.values() if not _follows(urdf, repairs, joint)):
+    for joint in (joint for joint in moving.values() if _has_limits(urdf, repairs, joint)):
         _repair_limits(urdf, repairs, joint)
         _repair_friction(urdf, repairs, joint)
     _repair_names(repairs, moving)
@@ -116,6 +120,39 @@ def path_between(urdf: Urdf, base: str, tip: str) -> list[Joint]:
         out.append(holder)
         link = holder.parent
     return out[::-1]
+
+
+# --- closed loops --------------------------------------------------------------------------------
+
+
+def _close_loops(
+    urdf: Urdf, repairs: Repairs, path: list[Joint], closures: Closures
+) -> list[Joint]:
+    """The path with the branches that closed loops hold; their joints without a motor are
+    passive.
+    """
+    base = repairs.base
+    loops = loops_of_chain(urdf, closures, base, [repairs.tip], ())
+    passive = _try(partial(passive_of_chain, urdf, closures, loops, base, {}))
+    if isinstance(passive, ModelError):
+        repairs.problems.append(
+            f"line {passive.line}, {passive.key}: given {passive.given}, expected <transmission> "
+            f"or <ros2_control> for those with one, or a file {BESIDE} with its keys dependent "
+            "and independent"
+        )
+        refuse_problems(urdf, repairs)
+        return path
+    for loop in loops:
+        for link in loop.links:
+            path = path + [j for j in path_between(urdf, base, link) if j not in path]
+    for joint in (joint for joint in path if joint.name in passive):
+        near = "near" if joint.type == "prismatic" else "near_rad"
+        repairs.joint(joint.name, passive={near: 0.0})
+        repairs.notes.append(
+            f"joint {show(joint.name)}: passive, moved by the closed loops "
+            f"{', '.join(loop.name for loop in loops)}: no motor, no limits and no friction"
+        )
+    return path
 
 
 # --- joints --------------------------------------------------------------------------------------
@@ -178,7 +215,7 @@ def _repair_motions(urdf: Urdf, repairs: Repairs, path: list[Joint]) -> dict[str
                 f"base behind it, such as {show(joint.child)}"
             )
             continue
-        motion = _try(partial(Motions(urdf, repairs.lock), joint))
+        motion = _try(partial(_motion, urdf, repairs, joint))
         if isinstance(motion, ModelError):
             repairs.joint(joint.name, gear={"type": "rigid"})
             repairs.notes.append(
@@ -254,13 +291,15 @@ def _free_leaders(urdf: Urdf, repairs: Repairs, fixed: list[Joint]) -> dict[str,
 
 def _motion(urdf: Urdf, repairs: Repairs, joint: Joint) -> Motion:
     """The motion of a joint with the locks so far; a joint with a gear of its own follows none."""
-    if "gear" in repairs.joints.get(joint.name, {}):
+    if {"gear", "passive"} & repairs.joints.get(joint.name, {}).keys():
         return Motion(joint.node.line, joints={joint.name: 1.0}, own=True)
     return Motions(urdf, repairs.lock)(joint)
 
 
-def _follows(urdf: Urdf, repairs: Repairs, joint: Joint) -> bool:
-    return _motion(urdf, repairs, joint).follows
+def _has_limits(urdf: Urdf, repairs: Repairs, joint: Joint) -> bool:
+    """Whether limits and friction of a joint are read: not those that others move."""
+    passive = "passive" in repairs.joints.get(joint.name, {})
+    return not passive and not _motion(urdf, repairs, joint).follows
 
 
 def _repair_axis(urdf: Urdf, repairs: Repairs, joint: Joint) -> None:
