@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import flexgen
@@ -21,7 +20,8 @@ from tests.support.linkage_urdfs import (
     rigid_four_bar,
     urdf_of_four_bar,
 )
-from tests.support.linkages import FOUR_BAR, home_of, read_text
+from tests.support.linkages import FOUR_BAR, read_text
+from tests.support.loop_difference import loop_difference
 
 FRAMES = """
 <link name="end_a"/><link name="end_b"/>
@@ -64,33 +64,6 @@ def write(folder: Path, urdf: str, yaml: str = "", name: str = "loop_closures.ya
     return folder / "arm.urdf"
 
 
-def difference(found: flexgen.RobotModel, expected: flexgen.RobotModel, shift: bool) -> float:
-    """Largest relative difference of the accelerations at 20 states around home.
-
-    ``shift``: the coordinates of ``found`` are zero at home.
-    """
-    rng = np.random.default_rng(3)
-    one = flexgen.derive(found).function("forward_dynamics")
-    two = flexgen.derive(expected).function("forward_dynamics")
-    start = home_of(expected)
-    scale = np.array([1.0 if c.unit == "rad" else 1e-3 for c in expected.coordinates])
-    worst = 0.0
-    for _ in range(20):
-        q = start + 0.2 * scale * rng.uniform(-1.0, 1.0, start.size)
-        v = 2.0 * scale * rng.uniform(-1.0, 1.0, start.size)
-        tau = rng.uniform(-5.0, 5.0, expected.n_m)
-        q_m, v_m = (
-            expected.eta @ x[list(expected.i_g)] + rng.uniform(-0.1, 0.1, expected.n_m)
-            for x in (q, v)
-        )
-        a, b = (
-            np.concatenate([np.array(x).ravel() for x in f(at, v, q_m, v_m, tau)])
-            for f, at in ((one, q - start if shift else q), (two, q))
-        )
-        worst = max(worst, float(np.abs(a - b).max() / np.abs(b).max()))
-    return worst
-
-
 WAYS = {
     "point": (constraint() + TRANSMISSIONS, "", ""),
     "pin": (constraint("revolute") + ROS2_CONTROL, "", ""),
@@ -109,7 +82,7 @@ def test_equations_are_those_of_the_model_file(way: str, tmp_path: Path) -> None
     found = flexgen.read(tmp_path / "arm.urdf", base="base", tip="fore")
     expected = read_text(tmp_path, rigid_four_bar())
     assert [c.name for c in found.coordinates] == ["q1", "q2"]
-    assert difference(found, expected, True) < 1e-12
+    assert loop_difference(found, expected, True) < 1e-12
 
 
 OVERLAY = """
@@ -160,9 +133,9 @@ def test_an_overlay_adds_gears_and_the_stretch_of_the_rod(tmp_path: Path) -> Non
     expected = read_text(tmp_path, FOUR_BAR)
     found = overlaid(tmp_path, urdf_of_four_bar(constraint(), {}))
     assert [c.name for c in found.coordinates] == [c.name for c in expected.coordinates]
-    assert difference(found, expected, False) < 1e-12
+    assert loop_difference(found, expected) < 1e-12
     wrong = overlaid(tmp_path, urdf_of_four_bar(constraint(at=BEARING + 1e-3), {}))
-    assert difference(wrong, expected, False) > 1e-4
+    assert loop_difference(wrong, expected) > 1e-4
 
 
 def test_an_end_that_is_1_mm_aside_cannot_be_assembled(tmp_path: Path) -> None:

@@ -20,9 +20,6 @@ from flexgen.model.format.format_tasks import OUTPUT
 
 def beam_or_drag(model: RobotModel) -> None:
     """Refuse what an overlay has no key for."""
-    for loop in model.loops:
-        key = f"loop.{loop.name}"
-        raise ModelError(model.file, 0, key, "a closed loop", "for URDF, a tree, none")
     for element in model.elements:
         for key, there in (
             ("beam", element.beam is not None),

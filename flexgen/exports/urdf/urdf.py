@@ -51,6 +51,8 @@ from flexgen.model.urdf.urdf_source import source_files
 
 UNLIMITED = 1e6  # URDF demands limits of some joints: in their place where the model has none
 ROUNDING = 1e-15  # of a sine or cosine that is zero
+# Types of <constraint> by those of closed loops.
+_CONSTRAINTS = {"point": "spherical", "axis": "revolute", "pose": "fixed"}
 _WRITTEN_BY = ", written by flexgen "  # in the first line of an overlay
 
 
@@ -282,7 +284,7 @@ def joint_groups(element: Element) -> list[tuple[tuple[Dof, ...], Dof | None, tu
     """
     if not element.dofs:
         return [((), None, ())]
-    moved = [k for k, dof in enumerate(element.dofs) if dof.actuated or dof.mimic] or [0]
+    moved = [k for k, dof in enumerate(element.dofs) if dof.actuated or dof.dependent] or [0]
     out: list[tuple[tuple[Dof, ...], Dof | None, tuple[Dof, ...]]] = []
     for n, k in enumerate(moved):
         start = 0 if n == 0 else k
@@ -377,7 +379,26 @@ def urdf_text(model: RobotModel, steps: list[Step]) -> str:
             add(inertial, "mass", value=step.body.mass)
             (xx, xy, xz), (_, yy, yz), (_, _, zz) = step.body.inertia
             add(inertial, "inertia", ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz)
+    shifts = _shifts(model)
+    for loop in model.loops:
+        constraint = add(root, "constraint", name=loop.name, type=_CONSTRAINTS[loop.type])
+        for side, frame in (("parent", loop.start), ("child", loop.end)):
+            on_ground = frame.element == "base"
+            add(constraint, side, link=ground if on_ground else frame.element)
+            position = np.array(frame.position)
+            if not on_ground:
+                position = position + shifts[frame.element]
+            rpy = roll_pitch_yaw(np.array(frame.rotation))
+            add(constraint, f"{side}_origin", xyz=position, rpy=rpy)
+            add(constraint, f"{side}_axis", xyz=(0.0, 0.0, 1.0))
     return '<?xml version="1.0"?>\n' + document(root)
+
+
+def _shifts(model: RobotModel) -> dict[str, np.ndarray]:
+    """Position (3,) [m] of the body frame of each element in the frame of its link."""
+    return {
+        e.name: np.array(e.link.rotation).T @ np.array(e.link.position) for e in model.elements
+    }
 
 
 def _joint(
@@ -509,10 +530,7 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
             lines += [f"{key} = {toml(value)}" for key, value in table.items()]
         if _reduced(step.body):
             lines += ["", f"[link.{step.link}]", "inertia_reduced = true"]
-    # the body frame in the frame of the link of the URDF file
-    shifts = {
-        e.name: np.array(e.link.rotation).T @ np.array(e.link.position) for e in model.elements
-    }
+    shifts = _shifts(model)
     fixed = {step.link for step in steps if step.dof is None}
     for kind, tables in (
         ("motor", [write(MOTOR, motor) for motor in model.motors]),
