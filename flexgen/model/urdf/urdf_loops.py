@@ -97,7 +97,11 @@ def find_closures(urdf: Urdf, path: Path) -> Closures:
         return stated
     shown = str(Path(urdf.file).with_name(beside.name)) if "://" not in urdf.file else str(beside)
     root = _read(beside, shown)
-    return _extended(urdf, root, stated) if "closed_loop" in root else _cut(urdf, root, stated)
+    return (
+        _loops_of_frames(urdf, root, stated)
+        if "closed_loop" in root
+        else _loops_of_cuts(urdf, root, stated)
+    )
 
 
 def file_of_closures(path: Path) -> Path | None:
@@ -149,7 +153,7 @@ def _without_tiny(entry: Entry) -> Entry:
     return Entry(value, entry.line, entry.file)
 
 
-def _cut(urdf: Urdf, root: Table, stated: Closures) -> Closures:
+def _loops_of_cuts(urdf: Urdf, root: Table, stated: Closures) -> Closures:
     """Loops that an exporter of a CAD program has cut at a hinge.
 
     ``closures``: two links, and a point and an axis in the frame of the root link with all joints
@@ -178,7 +182,7 @@ def _cut(urdf: Urdf, root: Table, stated: Closures) -> Closures:
     return Closures((*stated.loops, *loops), stated.driven if driven is None else driven, passive)
 
 
-def _extended(urdf: Urdf, root: Table, stated: Closures) -> Closures:
+def _loops_of_frames(urdf: Urdf, root: Table, stated: Closures) -> Closures:
     """Loops of an extended URDF, as tools for Pinocchio write them.
 
     ``closed_loop``: pairs of frames, which are links or joints; ``type``: 3d or 6d of each;
@@ -281,18 +285,18 @@ def loops_of_chain(
     ModelError
         An end of such a loop is not behind the base.
     """
-    moving = {j.name for tip in tips for j in _moving(_above(urdf, tip, base), locked)}
+    moving = {j.name for tip in tips for j in _free_joints(_above(urdf, tip, base), locked)}
     left = [
         loop
         for loop in found.loops
         if not any(j.name in dropped for link in loop.links for j in _above(urdf, link, base))
     ]
     used: list[Closure] = []
-    while held := [loop for loop in left if moving & _held(urdf, loop, base, locked)]:
+    while held := [loop for loop in left if moving & _joints_above(urdf, loop, base, locked)]:
         for loop in held:
             for link in loop.links:
                 _check_behind(urdf, loop, link, base)
-            moving |= _held(urdf, loop, base, locked)
+            moving |= _joints_above(urdf, loop, base, locked)
             left.remove(loop)
         used += held
     return tuple(loop for loop in found.loops if loop in used)
@@ -358,7 +362,7 @@ def joints_of_loop(
 ) -> list[str]:
     """The moving joints between the two ends of a loop, without those that move both."""
     first, second = (
-        [j.name for j in _moving(_above(urdf, link, base), locked)] for link in loop.links
+        [j.name for j in _free_joints(_above(urdf, link, base), locked)] for link in loop.links
     )
     return [n for n in (*first[::-1], *second[::-1]) if (n in first) != (n in second)]
 
@@ -369,12 +373,12 @@ def loop_name(name: str) -> str:
     return plain if re.match(r"[A-Za-z]", plain) else f"loop_{plain}"
 
 
-def _held(urdf: Urdf, loop: Closure, base: str, locked: Collection[str]) -> set[str]:
+def _joints_above(urdf: Urdf, loop: Closure, base: str, locked: Collection[str]) -> set[str]:
     """The moving joints above the two ends of a loop, up to the base."""
-    return {j.name for link in loop.links for j in _moving(_above(urdf, link, base), locked)}
+    return {j.name for link in loop.links for j in _free_joints(_above(urdf, link, base), locked)}
 
 
-def _moving(joints: Iterable[Joint], locked: Collection[str]) -> list[Joint]:
+def _free_joints(joints: Iterable[Joint], locked: Collection[str]) -> list[Joint]:
     return [j for j in joints if j.type in MOVING and j.name not in locked]
 
 

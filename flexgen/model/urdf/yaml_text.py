@@ -58,7 +58,7 @@ class _Parser:
                 self.lines.append((first, before, f"{begun} {body}"))
             else:
                 self.lines.append((number, indent, body))
-            opened += _opened(body)
+            opened += _count_open(body)
         if opened > 0:
             raise TextError(self.lines[-1][0], "a bracket that is not closed", "] or }")
 
@@ -220,7 +220,7 @@ def _without_comment(line: str) -> str:
     return line.rstrip()
 
 
-def _opened(text: str) -> int:
+def _count_open(text: str) -> int:
     """How many brackets of flow style the text opens and does not close."""
     plain = re.sub(r""""[^"]*"|'[^']*'""", "", text)
     return sum(plain.count(mark) for mark in "[{") - sum(plain.count(mark) for mark in "]}")
