@@ -221,7 +221,7 @@ def _without_comment(line: str) -> str:
 
 
 def _count_open(text: str) -> int:
-    """How many brackets of flow style the text opens and does not close."""
+    """Number of brackets of flow style that the text opens and does not close."""
     plain = re.sub(r""""[^"]*"|'[^']*'""", "", text)
     return sum(plain.count(mark) for mark in "[{") - sum(plain.count(mark) for mark in "]}")
 
