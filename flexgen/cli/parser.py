@@ -124,6 +124,19 @@ def build_parser(only: str | None = None) -> Parser:
     return parser
 
 
+def _refuse_options_before_verb(words: Sequence[str]) -> None:
+    """Raise an error for options such as ``-q`` that stand before a verb."""
+    verbs = {name.partition(" ")[0] for name in VERBS}
+    at = next((k for k, word in enumerate(words) if word in verbs), 0)
+    before = words[:at]
+    if at and before[0].startswith("-") and not {"-h", "--help", "--version"} & {*before}:
+        given = " ".join(before)
+        build_parser("").error(
+            f"given {given} before the verb {words[at]}, expected options after it: "
+            f"'flexgen {words[at]} ... {given}'"
+        )
+
+
 def parse(words: Sequence[str]) -> argparse.Namespace:
     """Parse a command line.
 
@@ -138,6 +151,7 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
     former = {verb.old: verb.name for verb in VERBS.values() if verb.old}
     new = former.get(words[0], "") if words else ""
     words = [new, *words[1:]] if new else words
+    _refuse_options_before_verb(words)
     if not words or words[0] in ("-h", "--help"):
         only: str | None = ""
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
@@ -20,7 +21,7 @@ from flexgen.base.spec import toml_lines
 from flexgen.base.spec.keys import Context
 from flexgen.base.spec.keys import read as read_table
 from flexgen.base.spec.ports import identifier_problem
-from flexgen.base.spec.tables import Table, closest, parse_file, part_of, show
+from flexgen.base.spec.tables import Table, bare, closest, parse_file, part_of, show
 from flexgen.base.spec.toml_lines import Entry
 from flexgen.model.elements import RobotModel, UrdfJoint
 from flexgen.model.format.format import MODEL, VARIANT
@@ -87,9 +88,10 @@ def read(
         joints = expand(root, folder, shown)
     variants = _variants(root, shown)
     if chosen and chosen not in variants:
-        raise ArgumentError(
-            f"variant of {shown}: given {chosen!r}, expected {closest(chosen, variants)}"
-        )
+        known = closest(chosen, variants)
+        if not variants:
+            known = f"no variant: the file has no table [variant.{bare(chosen)}]"
+        raise ArgumentError(f"variant of {shown}: given {chosen!r}, expected {known}")
     unchanged = toml_lines.copy(root)
     if chosen:
         variants[chosen].apply(root)
@@ -156,6 +158,11 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
         if not tail or (chosen and chosen != tail):
             raise ArgumentError(
                 f"model: given {text!r} and variant {variant!r}, expected one variant name"
+            )
+        if re.search(r"@[^@/\\.]*$", head):
+            raise ArgumentError(
+                f"model: given {text!r}, which has two variants, expected one, MODEL@VARIANT; for "
+                "the changes of both write a third one in the file, or set single keys in addition"
             )
         text = head
         chosen = tail

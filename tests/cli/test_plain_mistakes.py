@@ -33,6 +33,40 @@ def test_overrides_are_a_mapping(overrides):
             read("elbow", overrides=overrides)
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (
+            ["describe", "delta@heavy"],
+            "given 'heavy', expected no variant: the file has no table [variant.heavy]",
+        ),
+        (["describe", "elbow@nope"], "given 'nope', expected one of fjm, payload, rigid"),
+        (
+            ["describe", "elbow@payload@rigid"],
+            "given 'elbow@payload@rigid', which has two variants, expected one, MODEL@VARIANT",
+        ),
+        (
+            ["new", "arm.toml", "--template", "scara"],
+            "given 'arm.toml', expected the name of the robot, arm: its file gets .toml",
+        ),
+        (["new", "my/arm", "--template", "scara"], "given 'my/arm', expected a letter followed"),
+        (
+            ["-q", "describe", "elbow"],
+            "given -q before the verb describe, expected options after it: 'flexgen describe ...",
+        ),
+        (["--set", "payload.mass=1", "check", "elbow"], "--set payload.mass=1 before the verb"),
+    ],
+)
+def test_words_at_another_place_are_named(words, expected, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    try:
+        assert main(words) != 0
+    except SystemExit as ended:
+        assert ended.code == 2
+    assert expected in " ".join(capsys.readouterr().err.split())
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_path_is_not_the_name_of_a_move():
     with pytest.raises(
         ArgumentError,

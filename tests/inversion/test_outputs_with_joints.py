@@ -135,6 +135,10 @@ def test_postures_that_do_not_fit_are_refused():
         (Posture(("side",), (0.0,)), r"given joint 'side', expected one of rail, q1"),
         (Posture(("rail", "q1"), (0.0, 0.0)), "motions of 2 joints, expected at most 1"),
         (Posture((), (), ("rail",), (0.0,)), "expected numbers > 0"),
+        (
+            Posture(("q1",), (1e3,)),
+            "given a change of 1000 rad of joint .q1., expected at most 399",
+        ),
     ):
         with pytest.raises(ArgumentError, match=text):
             Path(derive(robot), replace(line, posture=posture))

@@ -41,6 +41,16 @@ BAD: dict[str, tuple[list[tuple[str, str]], str, list[str]]] = {
         "loop.bar.stiffness",
         ["a key of a spring", "a table [[line]]", "a dof with a spring"],
     ),
+    "type of a spring": (
+        [('name = "bar"\n', 'name = "bar"\ntype = "spring"\n')],
+        "loop.bar.type",
+        ['given "spring", expected one of axis, point, pose', "a table [[line]]"],
+    ),
+    "type that is close": (
+        [('name = "bar"\n', 'name = "bar"\ntype = "points"\n')],
+        "loop.bar.type",
+        ["expected point (there are: axis, point, pose)"],
+    ),
     "no loop": (
         [("[[loop]]", "[[loop_]]")],
         "loop_",

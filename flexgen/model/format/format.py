@@ -37,7 +37,7 @@ from flexgen.base.spec.keys import (
 from flexgen.base.spec.parts import KINDS, BeamTip, Stretch, Tolerances, Torsion
 from flexgen.base.spec.ports import c_name_problem, identifier_problem
 from flexgen.base.spec.schema import table_schema
-from flexgen.base.spec.tables import IDENTIFIER, Table, show
+from flexgen.base.spec.tables import IDENTIFIER, Table, closest, show
 from flexgen.model.elements import (
     ZERO,
     Beam,
@@ -303,16 +303,21 @@ def _check_loop(table: Table, here: Context) -> None:
         raise table.fail("to", "a frame of another body than that of from")
 
 
+_RIGID = (
+    "a loop that is rigid; for a spring between two points a table [[line]], for an elastic "
+    "bearing or rod in the loop a dof with a spring"
+)
+
+
 def _check_rigid(table: Table, here: Context) -> None:
-    """Refuse a closed loop with the keys of a spring."""
+    """Refuse a closed loop with the keys of a spring, or of another type."""
     for key in SPRING_KEYS:
         if key in table:
-            raise table.fail(
-                key,
-                "a loop that is rigid; for a spring between two points a table [[line]], for an "
-                "elastic bearing or rod in the loop a dof with a spring",
-                "a key of a spring",
-            )
+            raise table.fail(key, _RIGID, "a key of a spring")
+    if "type" in table and table.entries["type"].value not in LOOP.kinds:
+        kind = table.entries["type"].value
+        known = closest(kind if isinstance(kind, str) else "", LOOP.kinds)
+        raise table.fail("type", f"{known}: {_RIGID}")
 
 
 _ENDS = (

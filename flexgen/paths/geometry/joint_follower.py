@@ -36,6 +36,9 @@ from flexgen.paths.timing.timed_segments import TimedSegment
 DEGREE = 9  # of the spline through the joints
 # of a piece of the path; more where the tool is off between them
 INTERVALS = (64, 128, 256, 512, 1024)
+# rad, of a joint from one sample to the next: a spline of degree 9 through samples of a sine is
+# off by about (x / pi)^10 of its amplitude, with this x by 1e-9.
+TURN = 0.39
 CLOSE = 1e-9  # m for each meter of reach, rad: of the tool between the samples
 STEPS = 20  # of Newton's method back to the path
 SINGULAR = 1e-6  # smallest allowed ratio of the singular values of the Jacobian
@@ -64,6 +67,15 @@ def check_posture(model: RobotModel, posture: Posture, move: str) -> None:
             f"{what}: given motions of {len(posture.joints)} joints, expected at most {spare}: "
             "the tool determines the others"
         )
+    most = TURN * INTERVALS[-1]
+    for name, change in zip(posture.joints, posture.change, strict=True):
+        turns = model.coordinates[model.i_g[names.index(name)]].unit == "rad"
+        if turns and abs(change) > most:
+            raise ArgumentError(
+                f"{what}: given a change of {change:g} rad of joint {name!r}, expected at most "
+                f"{most:.0f} rad, {most / (2.0 * np.pi):.0f} turns, in a move: beyond it the tool "
+                "is off the path between the samples of the joints"
+            )
     if not all(weight > 0.0 for weight in posture.weights):
         raise ArgumentError(f"{what}: given weights {list(posture.weights)}, expected numbers > 0")
 

@@ -70,6 +70,9 @@ def new_overlay(
     """A new model file, and what was repaired for it; the arguments are those of `new_model`."""
     problem = c_name_problem(name)
     if problem is not None:
+        stem = Path(name).stem
+        if name.endswith(".toml") and c_name_problem(stem) is None:
+            problem = f"the name of the robot, {stem}: its file gets .toml; --out states another"
         raise ArgumentError(f"name: given {name!r}, expected {problem}")
     if payload is not None and urdf is None:
         raise ArgumentError("payload: given without a URDF file, expected --urdf FILE as well")

@@ -9,6 +9,7 @@ TEMPLATES = (
     "four-bar",
     "delta",
     "six-axis",
+    "seven-axis",
     "track",
     "counterbalanced",
     FLEXIBLE_LINK,
