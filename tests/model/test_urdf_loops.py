@@ -197,6 +197,12 @@ ERRORS = {
         "closures:\n- {link_a: rod_end, link_b: fore, points: [0, 0, 0]}\n",
         "closures[0].points: given an unknown key, expected point ",
     ),
+    "yaml of others": (
+        "",
+        "pin_loops:\n  - {name: a}\nball_loops: []\n",
+        "closures: given the keys pin_loops, ball_loops, expected closures, dependent, independent "
+        "(or in the overlay: [urdf] loops = false)",
+    ),
     "yaml joint": ("", cut("x"), 'dependent: given an unknown joint "q4x", expected joints of '),
     "frame": (
         "",

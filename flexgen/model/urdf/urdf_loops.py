@@ -159,9 +159,12 @@ def _loops_of_cuts(urdf: Urdf, root: Table, stated: Closures) -> Closures:
     ``closures``: two links, and a point and an axis in the frame of the root link with all joints
     at zero; ``dependent`` and ``independent``: joints.
     """
+    if "closures" not in root:
+        given = f"the keys {', '.join(map(bare, root.entries)) or 'of no loop'}"
+        raise root.fail("closures", f"closures, dependent, independent {WITHOUT_LOOPS}", given)
     root.only("closures", "dependent", "independent")
     loops = []
-    for k, table in enumerate(root.tables("closures")):
+    for k, table in enumerate(root.tables("closures", required=False)):
         table.only("link_a", "link_b", "point", "axis")
         links = (_link(urdf, table, "link_a"), _link(urdf, table, "link_b"))
         hinge = Pose(frame_of_axis(table.axis("axis")), np.array(table.vector("point", 3)))
