@@ -200,8 +200,8 @@ ERRORS = {
     "yaml of others": (
         "",
         "pin_loops:\n  - {name: a}\nball_loops: []\n",
-        "closures: given the keys pin_loops, ball_loops, expected closures, dependent, independent "
-        "(or in the overlay: [urdf] loops = false)",
+        "closures: given the keys pin_loops, ball_loops, expected closures, dependent, "
+        "independent (or in the overlay: [urdf] loops = false)",
     ),
     "yaml joint": ("", cut("x"), 'dependent: given an unknown joint "q4x", expected joints of '),
     "frame": (
