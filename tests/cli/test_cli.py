@@ -375,6 +375,19 @@ def test_solve(ask, tmp_path):
     assert Trajectory.load(data["trajectory"])["tau_m"].shape[1] == 2
 
 
+@needs_compiler
+def test_baselines_of_a_model_with_uncertainty_have_no_prediction(ask, tmp_path):
+    """Robots are drawn about an exact solution only, as of `closed-form`."""
+    file = tmp_path / "unsure.toml"
+    text = (ROOT / "models" / "elbow.toml").read_text()
+    file.write_text(text + "\n[uncertainty]\nstiffness = 0.1\n")
+    words = "solve", file, "--no-verify", "--method"
+    status, data, err = ask(*words, "rigid")
+    assert (status, "prediction" in data) == (0, False)
+    assert "predict" not in err
+    assert "prediction" in ask(*words, "closed-form")[1]
+
+
 def test_solve_writes_nothing_unless_asked(ask, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status, data, _ = ask("solve", "elbow", "--no-verify")

@@ -152,7 +152,8 @@ def solve_one(
         data |= comparison.to_dict()
         files["report"] = comparison.report(report)
     text = solution.to_text() if args.details else summary_of_solution(solution)
-    if equations.model.uncertainty is not None and not problem_of(solution, args.accuracy):
+    is_exact = solution.status != Status.BASELINE and not problem_of(solution, args.accuracy)
+    if equations.model.uncertainty is not None and is_exact:
         from flexgen.studies.tolerances.prediction import predict
 
         prediction = predict(equations, solution=solution, progress=log)
