@@ -192,6 +192,50 @@ def test_wrong_descriptions_of_a_folder_are_refused(tmp_path: Path, text: str, w
         flexgen.commission(datasheet(), tmp_path)
 
 
+def test_few_poses_and_unknown_trackers_are_refused(tmp_path: Path) -> None:
+    """Twenty equal poses are one; columns of another tracker are named, as nothing reads them."""
+    one = "\n".join(["0.1,0.2,1.0,0.1,0.2"] * 20)
+    header = "q1_rad,q2_rad,hand_x_m,hand_y_m,hand_z_m"
+    (tmp_path / "poses.csv").write_text(f"{header}\n{one}\n")
+    with pytest.raises(flexgen.ArgumentError, match=r"poses\.csv: given 1 different poses, exp"):
+        flexgen.commission(datasheet(), tmp_path)
+    (tmp_path / "poses.csv").write_text(f"{header.replace('hand', 'ball')}\n{one}\n")
+    with pytest.raises(flexgen.ArgumentError, match=r"columns ball_x, .*of the model \(hand\)"):
+        flexgen.commission(datasheet(), tmp_path)
+
+
+def test_positions_of_a_tracker_that_jumped_are_refused(tmp_path: Path) -> None:
+    """Half of a tracked motion 8 mm aside: more than the elastic displacement of all springs."""
+    robot = datasheet()
+    run = flexgen.solve(robot, program(STOPS), verify=False).trajectory
+    gears = {f"element.{key}.gear": {"type": "rigid"} for key in SPRINGS}
+    rigid = flexgen.read("elbow", overrides={"sensor": [HAND], **gears})
+    tip = flexgen.tracker_positions(rigid, run["q_a"])[:, 0]
+    for aside, is_refused in ((0.0, False), (0.008, True)):
+        seen = tip + aside * (np.arange(len(tip)) > len(tip) // 2)[:, None]
+        header = "time s,q_m[m1] rad,q_m[m2] rad,tau_m[m1] N m,tau_m[m2] N m"
+        header += ",hand_x_m,hand_y_m,hand_z_m"
+        rows = np.column_stack([run.time, run["q_m"], run["tau_m"], seen])
+        np.savetxt(tmp_path / "moves.csv", rows, header=header, **CSV)
+        found = flexgen.commission(robot, tmp_path)
+        assert ("times the elastic displacement" in found.problem) == is_refused
+
+
+STOPS = np.array([[0.2, -0.4], [0.9, 0.5], [-0.3, -1.0], [0.6, 0.8], [-0.9, 0.3]])
+
+
+def test_the_file_of_the_true_robot_is_found_again(tmp_path: Path) -> None:
+    """Motions without noise: few steps between samples once cost a fifth of a stiffness."""
+    robot = datasheet()
+    for k in range(2):
+        run = flexgen.solve(robot, program(STOPS[k:]), verify=False).trajectory
+        write_motion(tmp_path / f"move{k}.csv", run.time, run["q_m"], run["tau_m"])
+    found = flexgen.commission(robot, tmp_path, curves=False)
+    for key, stiffness in SPRINGS.items():
+        name = key.partition(".dof.")[2]
+        assert found.values[f"{name}.stiffness"] == pytest.approx(stiffness, rel=0.03)
+
+
 def make_blocks() -> tuple[np.ndarray, list[Block]]:
     """Unknowns near those of the file, and a block of each kind: poses, tracked motion,
     responses.

@@ -78,6 +78,8 @@ HELD_OUT = 5  # one part of so many of each record is held out
 POSES_OF_MOTION = 60  # samples of a tracked motion that find the frame of its tracker
 # Factor of the errors on held-out parts above which a model is refused.
 WORSE = 1.02
+# Misfit of positions over elastic displacement from which on a model is refused.
+MOST_MISFIT = 1.0
 # Rise of the logarithm of a stiffness that is one: standard deviations, and at least.
 SURE = 2.5
 LEAST_RISE = 0.05
@@ -530,6 +532,13 @@ def _result(
                 f"{row.record}: positions of held-out parts are off by {1e3 * row.after:.3g} mm, "
                 f"those of a rigid robot by {1e3 * row.rigid:.3g} mm"
             )
+    if verdict.misfit is not None and verdict.misfit > MOST_MISFIT:
+        status = FitStatus.POORLY_VALIDATED
+        problems.append(
+            f"positions of held-out parts are off by {verdict.misfit:.2g} times the elastic "
+            "displacement: a tracker that jumped, a target that slipped, or noise as large as the "
+            "deflections"
+        )
     notes = [*data.notes]
     if not fit.converged and status is FitStatus.FITTED:
         notes.append(ENDED_EARLY)

@@ -46,6 +46,7 @@ OF_FRF = {"G", "UU", "w"}  # arrays of a file of `flexgen.frf`
 OF_EXPERIMENT = {"lines", "amplitudes", "phases"}
 AXES = "xyz"
 FEWEST = 10  # positions of a tracked motion
+FEWEST_POSES = 8  # different ones: the frame and the place of a tracker alone are nine numbers
 
 
 @dataclass(frozen=True)
@@ -183,6 +184,7 @@ def _kind_of(path: Path, robot: RobotModel) -> str:
         return "responses"
     columns = [column_of(name) for name in names]
     timed = any(c.name.lower() in TIMES for c in columns)
+    _name_unknown_trackers(path, names, [s for s in robot.sensors if s.type == "tracker"])
     own = {motor.name for motor in robot.motors}
     own |= {robot.coordinates[i].name for i in robot.i_g}
     of_robot = any(c.name in own or c.label in own or c.name in ("q_m", "tau_m") for c in columns)
@@ -219,7 +221,9 @@ def read_records(
         try:
             if file.kind == "poses":
                 _need_tracker(file, sensors)
-                poses.append((name, StaticPoses.read(file.path, robot, columns)))
+                found_poses = StaticPoses.read(file.path, robot, columns)
+                _check_count(file, found_poses)
+                poses.append((name, found_poses))
             elif file.kind == "responses":
                 responses.append((name, _responses(file.path)))
             else:
@@ -238,6 +242,31 @@ def _need_tracker(file: RecordFile, sensors: Sequence[Sensor]) -> None:
         raise ArgumentError(
             f'{file.path}: given positions, expected a [[sensor]] with type = "tracker" in the '
             "model file for each point that is measured"
+        )
+
+
+def _check_count(file: RecordFile, poses: StaticPoses) -> None:
+    """ArgumentError where so few poses say nothing about the robot."""
+    different = len(np.unique(np.round(poses.commands, 4), axis=0))
+    if different < FEWEST_POSES:
+        raise ArgumentError(
+            f"{file.path}: given {different} different poses, expected {FEWEST_POSES} or more, "
+            "over the whole range of all joints: the frame of the tracker is found from them too"
+        )
+
+
+def _name_unknown_trackers(path: Path, columns: Sequence[str], sensors: Sequence[Sensor]) -> None:
+    """ArgumentError where columns x, y and z are of a tracker that is not in the model."""
+    names = {column_of(name).name for name in columns}
+    found = {name[:-2] for name in names if name.endswith("_x")}
+    found = {name for name in found if {f"{name}_y", f"{name}_z"} <= names}
+    unknown = found - {sensor.name for sensor in sensors}
+    if unknown:
+        known = ", ".join(sensor.name for sensor in sensors) or "none"
+        raise ArgumentError(
+            f"{path}: given the columns {', '.join(sorted(f'{name}_x' for name in unknown))}, "
+            f"expected those of a tracker of the model ({known}): rename the columns, or add the "
+            '[[sensor]] with type = "tracker" to the model file'
         )
 
 

@@ -28,6 +28,7 @@ from flexgen.identification.gears.signals import Signals, signals_of
 # chosen, and the one from which on it is chosen anew, since dampings and friction grew.
 STABLE = 1.8
 SHORTEN = 2.5
+LEAST_STEPS = 8  # from sample to sample: torques in the band are exact to 1e-5
 MOST_HZ = 10.0  # of the band that is compared
 MOVING = 0.01  # of the largest speed of a motor: slower, its friction is any torque
 # Of differences: of logarithms, of a prior's deviation, of zeros [rad], of trackers [m].
@@ -181,7 +182,7 @@ class MotionBlock:
 
     def _choose_steps(self, least: float) -> None:
         """Steps of the simulation from sample to sample."""
-        steps = max(1, int(np.ceil(least)))
+        steps = max(LEAST_STEPS, int(np.ceil(least)))
         if steps == self._steps_of_sample:
             return
         self._steps_of_sample = steps

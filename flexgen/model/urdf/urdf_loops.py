@@ -372,7 +372,7 @@ def joints_of_loop(
 
 def loop_name(name: str) -> str:
     """A name of a table ``[[loop]]``: letters, digits and underscores."""
-    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
+    plain = re.sub(r"(\W|_)+", "_", name, flags=re.ASCII)
     return plain if re.match(r"[A-Za-z]", plain) else f"loop_{plain}"
 
 
