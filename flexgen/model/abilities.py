@@ -618,7 +618,7 @@ FEATURES: tuple[Feature, ...] = (
     ),
     Feature(
         "outputs that lines move",
-        "A line alone connects a motor with the output: a driving rod that is no coordinate.",
+        "A line alone connects a motor with the output: a driving rod that is not a coordinate.",
         _find_undriven,
         "an output that moves with the motors without deflection",
         ROD_AS_COORDINATE,

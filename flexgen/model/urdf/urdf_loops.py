@@ -30,7 +30,7 @@ from flexgen.model.urdf.urdf_chain import MOVING, joint_pose
 from flexgen.model.urdf.yaml_text import parse
 
 # Name of the file in which exporters of CAD programs write where they have cut a loop.
-BESIDE = "loop_closures.yaml"
+NEXT_TO = "loop_closures.yaml"
 SIZE_MAX = 1_000_000  # bytes
 # Types of the closures of an extended URDF: a point in 3 dimensions, a pose in 6.
 _DIMENSIONS = {"3d": "point", "6d": "pose"}
@@ -92,11 +92,11 @@ def find_closures(urdf: Urdf, path: Path) -> Closures:
         for c in urdf.constraints()
     ]
     stated = Closures(tuple(loops), urdf.driven_joints())
-    beside = file_of_closures(path)
-    if beside is None:
+    next_to = file_of_closures(path)
+    if next_to is None:
         return stated
-    shown = str(Path(urdf.file).with_name(beside.name)) if "://" not in urdf.file else str(beside)
-    root = _read(beside, shown)
+    shown = str(Path(urdf.file).with_name(next_to.name)) if "://" not in urdf.file else str(next_to)
+    root = _read(next_to, shown)
     return (
         _loops_of_frames(urdf, root, stated)
         if "closed_loop" in root
@@ -110,9 +110,9 @@ def file_of_closures(path: Path) -> Path | None:
     ``loop_closures.yaml``, or the one with the name of the URDF file that has a key
     ``closed_loop``.
     """
-    beside = path.with_name(BESIDE)
-    if beside.is_file():
-        return beside
+    next_to = path.with_name(NEXT_TO)
+    if next_to.is_file():
+        return next_to
     extended = path.with_suffix(".yaml")
     if not extended.is_file():
         return None
@@ -355,7 +355,7 @@ def passive_of_chain(
             "motor",
             f"in the overlay: [joint.{first}] passive = {{ near_rad = 0.0 }} for each joint "
             "without a motor; or <transmission>, <ros2_control> or the keys of "
-            f"{BESIDE} that name the joints with one {WITHOUT_LOOPS}",
+            f"{NEXT_TO} that name the joints with one {WITHOUT_LOOPS}",
         )
     return frozenset(named)
 
