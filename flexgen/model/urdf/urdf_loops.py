@@ -95,7 +95,9 @@ def find_closures(urdf: Urdf, path: Path) -> Closures:
     next_to = file_of_closures(path)
     if next_to is None:
         return stated
-    shown = str(Path(urdf.file).with_name(next_to.name)) if "://" not in urdf.file else str(next_to)
+    shown = (
+        str(Path(urdf.file).with_name(next_to.name)) if "://" not in urdf.file else str(next_to)
+    )
     root = _read(next_to, shown)
     return (
         _loops_of_frames(urdf, root, stated)

@@ -18,7 +18,7 @@ from flexgen.base.spec.tables import show
 from flexgen.model.urdf.overlay import BETA
 from flexgen.model.urdf.urdf import Inertial, Joint, Link, Stated, Urdf, zero_tiny
 from flexgen.model.urdf.urdf_chain import MOVING
-from flexgen.model.urdf.urdf_loops import BESIDE, Closures, loops_of_chain, passive_of_chain
+from flexgen.model.urdf.urdf_loops import NEXT_TO, Closures, loops_of_chain, passive_of_chain
 from flexgen.model.urdf.urdf_mimic import Motion, Motions
 from flexgen.studies.templates.urdf_names import new_names
 
@@ -137,7 +137,7 @@ def _close_loops(
     if isinstance(passive, ModelError):
         repairs.problems.append(
             f"line {passive.line}, {passive.key}: given {passive.given}, expected <transmission> "
-            f"or <ros2_control> for those with one, or a file {BESIDE} with its keys dependent "
+            f"or <ros2_control> for those with one, or a file {NEXT_TO} with its keys dependent "
             "and independent"
         )
         refuse_problems(urdf, repairs)
