@@ -31,6 +31,7 @@ from flexgen.model.urdf.yaml_text import parse
 
 # Name of the file in which exporters of CAD programs write where they have cut a loop.
 NEXT_TO = "loop_closures.yaml"
+HINGE = "axis"  # key of that file: direction of a hinge
 SIZE_MAX = 1_000_000  # bytes
 # Types of the closures of an extended URDF: a point in 3 dimensions, a pose in 6.
 _DIMENSIONS = {"3d": "point", "6d": "pose"}
@@ -167,9 +168,9 @@ def _loops_of_cuts(urdf: Urdf, root: Table, stated: Closures) -> Closures:
     root.only("closures", "dependent", "independent")
     loops = []
     for k, table in enumerate(root.tables("closures", required=False)):
-        table.only("link_a", "link_b", "point", "axis")
+        table.only("link_a", "link_b", "point", HINGE)
         links = (_link(urdf, table, "link_a"), _link(urdf, table, "link_b"))
-        hinge = Pose(frame_of_axis(table.axis("axis")), np.array(table.vector("point", 3)))
+        hinge = Pose(frame_of_axis(table.axis(HINGE)), np.array(table.vector("point", 3)))
         poses = tuple(_inverse(_at_zero(urdf, link)) @ hinge for link in links)
         loops.append(
             Closure(
