@@ -1,4 +1,4 @@
-"""How often the error that `flexgen predict` states holds the true error of a path, end to end.
+"""Share of paths whose true error the one that `flexgen predict` states holds, end to end.
 
     python benchmarks/commissioning/coverage.py FOLDER [--robot three_axes] [--seeds 1,2,3,4,5,6]
 

@@ -351,6 +351,18 @@ ROD_AS_COORDINATE = (
     'make the stretch of the driving rod a coordinate, a dof of type "translation" with a spring, '
     "close the rod by a table [[loop]], and make the joint that it drives passive"
 )
+# Functions that need the inverse dynamics, in addition to `solve`, and for what.
+OF_INVERSE = {
+    "learn": "its feedforward is the inverse dynamics",
+    "fastest": "its search needs the inverse dynamics",
+    "control": "its feedforward is the inverse dynamics, unless a `solution` is given",
+    "predict": "its feedforward is the inverse dynamics, unless a `solution` is given",
+    "command_positions": "they need the inverse dynamics, unless a `solution` is given",
+    "compare_shapers": "the outputs must determine the positions of all motors",
+    "plan_problem": "the ends of the path must determine the pose of all joints",
+    "feedback_study": "its feedforward is the inverse dynamics",
+    "CollisionDetector": "its library is that of the inverse dynamics",
+}
 MOTOR_FOR_EACH = "expected a motor and a spring for each arm coordinate"
 
 FEATURES: tuple[Feature, ...] = (
@@ -624,15 +636,7 @@ FEATURES: tuple[Feature, ...] = (
         ROD_AS_COORDINATE,
         refused={
             "solve": "inverse dynamics would be singular",
-            "learn": "its feedforward is the inverse dynamics",
-            "fastest": "its search needs the inverse dynamics",
-            "control": "its feedforward is the inverse dynamics, unless a `solution` is given",
-            "predict": "its feedforward is the inverse dynamics, unless a `solution` is given",
-            "command_positions": "they need the inverse dynamics, unless a `solution` is given",
-            "compare_shapers": "the outputs must determine the positions of all motors",
-            "plan_problem": "the ends of the path must determine the pose of all joints",
-            "feedback_study": "its feedforward is the inverse dynamics",
-            "CollisionDetector": "its library is that of the inverse dynamics",
+            **OF_INVERSE,
         },
         own=("control", "predict", "command_positions", "feedback_study"),
         parts={
@@ -723,15 +727,7 @@ FEATURES: tuple[Feature, ...] = (
         remedy="choose an output with as many rows as motors",
         refused={
             "solve": "inverse dynamics needs as many outputs as motors",
-            "learn": "its feedforward is the inverse dynamics",
-            "fastest": "its search needs the inverse dynamics",
-            "control": "its feedforward is the inverse dynamics, unless a `solution` is given",
-            "predict": "its feedforward is the inverse dynamics, unless a `solution` is given",
-            "command_positions": "they need the inverse dynamics, unless a `solution` is given",
-            "compare_shapers": "the outputs must determine the positions of all motors",
-            "plan_problem": "the ends of the path must determine the pose of all joints",
-            "feedback_study": "its feedforward is the inverse dynamics",
-            "CollisionDetector": "its library is that of the inverse dynamics",
+            **OF_INVERSE,
         },
         own=("control", "predict", "command_positions", "plan_problem", "feedback_study"),
         parts={"reduced problem": "", "full problem": "", "computed torque": ""},

@@ -192,16 +192,29 @@ def test_wrong_descriptions_of_a_folder_are_refused(tmp_path: Path, text: str, w
         flexgen.commission(datasheet(), tmp_path)
 
 
-def test_few_poses_and_unknown_trackers_are_refused(tmp_path: Path) -> None:
-    """Twenty equal poses are one; columns of another tracker are named, as nothing reads them."""
+def test_few_different_poses_are_refused(tmp_path: Path) -> None:
+    """Twenty equal poses are one, which says nothing about the robot."""
     one = "\n".join(["0.1,0.2,1.0,0.1,0.2"] * 20)
     header = "q1_rad,q2_rad,hand_x_m,hand_y_m,hand_z_m"
     (tmp_path / "poses.csv").write_text(f"{header}\n{one}\n")
     with pytest.raises(flexgen.ArgumentError, match=r"poses\.csv: given 1 different poses, exp"):
         flexgen.commission(datasheet(), tmp_path)
-    (tmp_path / "poses.csv").write_text(f"{header.replace('hand', 'ball')}\n{one}\n")
-    with pytest.raises(flexgen.ArgumentError, match=r"columns ball_x, .*of the model \(hand\)"):
-        flexgen.commission(datasheet(), tmp_path)
+
+
+def test_columns_of_an_unknown_tracker_are_noted(tmp_path: Path) -> None:
+    """Positions that no tracker of the model has are not read, which the result says; forces and
+    columns of the tracker itself are no such columns.
+    """
+    run = flexgen.solve("elbow", program(STOPS[:3]), verify=False).trajectory
+    zeros = np.zeros((len(run.time), 6))
+    names = [f"{name}_{axis}_{unit}" for name, unit in (("ball", "mm"), ("force", "N"))
+             for axis in "xyz"]  # fmt: skip
+    header = "time s,q_m[m1] rad,q_m[m2] rad,tau_m[m1] N m,tau_m[m2] N m," + ",".join(names)
+    rows = np.column_stack([run.time, run["q_m"], run["tau_m"], zeros])
+    np.savetxt(tmp_path / "moves.csv", rows, header=header, **CSV)
+    notes = flexgen.commission(datasheet(), tmp_path, curves=False).notes
+    assert [note for note in notes if "ball_x" in note and "(hand)" in note]
+    assert not [note for note in notes if "force" in note]
 
 
 def test_positions_of_a_tracker_that_jumped_are_refused(tmp_path: Path) -> None:

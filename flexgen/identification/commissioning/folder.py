@@ -45,6 +45,7 @@ FRAMES = ("period_s", "segment_s")  # keys of a description of an excitation
 OF_FRF = {"G", "UU", "w"}  # arrays of a file of `flexgen.frf`
 OF_EXPERIMENT = {"lines", "amplitudes", "phases"}
 AXES = "xyz"
+LENGTHS = ("m", "cm", "mm", "um")  # units of positions
 FEWEST = 10  # positions of a tracked motion
 FEWEST_POSES = 8  # different ones: the frame and the place of a tracker alone are nine numbers
 
@@ -184,7 +185,6 @@ def _kind_of(path: Path, robot: RobotModel) -> str:
         return "responses"
     columns = [column_of(name) for name in names]
     timed = any(c.name.lower() in TIMES for c in columns)
-    _name_unknown_trackers(path, names, [s for s in robot.sensors if s.type == "tracker"])
     own = {motor.name for motor in robot.motors}
     own |= {robot.coordinates[i].name for i in robot.i_g}
     of_robot = any(c.name in own or c.label in own or c.name in ("q_m", "tau_m") for c in columns)
@@ -229,6 +229,8 @@ def read_records(
             else:
                 found, done = _motions(robot, file, sensors, columns)
                 motions += found
+                if columns is None and file.path.suffix != ".toml":
+                    notes += _unknown_trackers(file.path, sensors)
                 notes += [f"{name}: {note}" for note in done]
         except FlexgenError as error:
             text = str(error)
@@ -255,19 +257,22 @@ def _check_count(file: RecordFile, poses: StaticPoses) -> None:
         )
 
 
-def _name_unknown_trackers(path: Path, columns: Sequence[str], sensors: Sequence[Sensor]) -> None:
-    """ArgumentError where columns x, y and z are of a tracker that is not in the model."""
-    names = {column_of(name).name for name in columns}
+def _unknown_trackers(path: Path, sensors: Sequence[Sensor]) -> list[str]:
+    """Note on columns x, y and z of positions that belong to no tracker of the model; a controller
+    may log such columns of its own.
+    """
+    columns = [column_of(name) for name in read_arrays(path, LARGEST)]
+    names = {column.name for column in columns if column.unit in LENGTHS}
     found = {name[:-2] for name in names if name.endswith("_x")}
     found = {name for name in found if {f"{name}_y", f"{name}_z"} <= names}
-    unknown = found - {sensor.name for sensor in sensors}
-    if unknown:
-        known = ", ".join(sensor.name for sensor in sensors) or "none"
-        raise ArgumentError(
-            f"{path}: given the columns {', '.join(sorted(f'{name}_x' for name in unknown))}, "
-            f"expected those of a tracker of the model ({known}): rename the columns, or add the "
-            '[[sensor]] with type = "tracker" to the model file'
-        )
+    unknown = sorted(found - {sensor.name for sensor in sensors})
+    if not unknown:
+        return []
+    known = ", ".join(sensor.name for sensor in sensors) or "none"
+    return [
+        f"{path.name}: not read: {', '.join(f'{name}_x' for name in unknown)}, and y and z: no "
+        f"tracker of the model has this name ({known})"
+    ]
 
 
 def _responses(path: Path) -> Frf:
