@@ -81,6 +81,8 @@ def test_robots_on_a_line_have_its_quantile() -> None:
     first = np.linspace(1.0, 2.0, 4001)
     assert quantile_of_robots(2 * first[:41] ** 1.5, first, 0) == pytest.approx(2 * 1.95**1.5)
     assert quantile_of_robots(np.array([1.0, np.inf]), first, 0) is None  # one is unstable
+    grown = np.append(np.full(31, 2e-4), 1e14)  # and this one only finite at its end
+    assert quantile_of_robots(grown, np.full(32, 2e-4), 0) is None
     assert quantile_of_robots(np.full(3, 0.25), np.ones(5), 0) == pytest.approx(0.25)
 
 
